@@ -122,6 +122,22 @@ def test_verif_replay_equals_steps_and_finds_the_contact(trace, calibration):
     assert np.nanmedian(error_m) < 2e-3
 
 
+def test_verif_updates_with_poses_equal_the_replay(trace, calibration):
+    t_s, base, readings = inputs(trace)
+    estimator = wc.SpatialEstimator("sphere-fit", calibration, 2e-7, trace.rate_hz)
+    replay = estimator.replay(t_s, base, readings)
+    for row in range(len(trace)):
+        estimate = estimator.update(t_s[row], tuple(base[row]), readings[row])
+        assert (estimate is None) == (not replay.touching[row])
+        if estimate is not None:
+            assert np.array_equal(estimate.contact, replay.contact[row])
+            assert np.array_equal([estimate.radius_m or np.nan], replay.radius_m[row : row + 1], equal_nan=True)
+            assert estimate.model_doubtful == replay.model_doubtful[row]
+    assert np.isfinite(replay.radius_m).any() and np.isfinite(replay.radius_sd_m).any()
+    with pytest.raises(ValueError, match="t_s: found"):
+        estimator.update(t_s[-1], tuple(base[-1]), readings[-1])
+
+
 def test_robust_bad_input_is_one_error(trace, calibration):
     with pytest.raises(ValueError, match="unknown estimator in space `ukf`"):
         wc.SpatialEstimator("ukf", calibration, 1e-7, 250.0)

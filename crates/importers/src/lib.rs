@@ -79,7 +79,7 @@ use trace::{Outline, Trace};
 
 pub use mesh::Triangle;
 pub use stanford_whisker::space::{
-    Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, stanford_in_space,
+    Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, Wire, stanford_in_space,
 };
 
 /// Entry of the registry of importers.

@@ -2,7 +2,7 @@
 
 use live::{Clock, Deviation, Motion, Place, Sampled};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use whisker::frames::Pose;
+use whisker::frames::{Base, Pose, World};
 
 use crate::arm::Arm;
 use crate::frames::{FrameTransform, Frames};
@@ -76,6 +76,7 @@ impl Chain {
 
 impl Motion for Chain {
     type Measured = Measured;
+    type Base = Pose<Base, World>;
 
     /// Joints that do not belong to the chain are not checked.
     fn is_finite(&self, Measured(part): &Measured) -> bool {

@@ -2,22 +2,26 @@
 
 use std::sync::Arc;
 
-use testbed::replay::Steps;
-use trace::Instant;
-use whisker::ReadingGate;
+use nalgebra::Vector2;
+use trace::SpatialPose;
 use whisker::estimators::{Estimate, Estimator, Knowledge, OutlinePoint};
 use whisker::frames::{Base, Pose, World};
+use whisker::space;
 
 use crate::clock::Jump;
 use crate::counters::Counters;
 use crate::event::{Event, Stream};
+use crate::kind::{Kind, Planar, Spatial};
 use crate::matching::{Admitted, Arrived, Matching};
 use crate::motion::{Motion, Place};
-use crate::poses::Poses;
+use crate::poses::{Poses, SpatialPoses};
 use crate::timing::Timing;
 
 /// Builds the estimator at the start and after a jump of a clock.
 pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
+
+/// The same in space.
+pub type SpatialBuild = Box<dyn Fn() -> anyhow::Result<space::estimators::Estimator> + Send>;
 
 /// Fate of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,29 +62,45 @@ impl Status {
 
 /// Answer to a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Answer {
+pub struct Answer<R = f64, P = Pose<Base, World>, E = Estimate> {
     /// Time of the reading.
     pub t_s: f64,
     /// Arrival of the reading.
     pub arrived_s: f64,
     /// The reading.
-    pub reading_n_m: f64,
+    pub reading_n_m: R,
     /// Its fate.
     pub status: Status,
     /// Pose of the base at its time. `None` unless it was used or gated.
-    pub base: Option<Pose<Base, World>>,
+    pub base: Option<P>,
     /// Estimate of the contact. `None` while the whisker is free or the method has no estimate.
-    pub estimate: Option<Estimate>,
+    pub estimate: Option<E>,
 }
 
+/// Answer to both readings of an instant in space.
+pub type SpatialAnswer = Answer<Vector2<f64>, SpatialPose, space::estimators::Estimate>;
+
 /// Answers and events in the order in which they came about.
-#[derive(Clone, Debug, Default)]
-pub struct Output {
+#[derive(Clone, Debug)]
+pub struct Output<R = f64, P = Pose<Base, World>, E = Estimate> {
     /// One answer to each reading.
-    pub answers: Vec<Answer>,
+    pub answers: Vec<Answer<R, P, E>>,
     /// Events.
     pub events: Vec<Event>,
 }
+
+impl<R, P, E> Default for Output<R, P, E> {
+    fn default() -> Self {
+        Self { answers: Vec::new(), events: Vec::new() }
+    }
+}
+
+/// Output of an estimator in space.
+pub type SpatialOutput = Output<Vector2<f64>, SpatialPose, space::estimators::Estimate>;
+
+/// Answer and output of a kind of estimator.
+type AnswerOf<K> = Answer<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
+type OutputOf<K> = Output<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
 
 /// Estimator of one whisker whose readings and poses arrive independently.
 ///
@@ -89,20 +109,17 @@ pub struct Output {
 /// late, the estimates equal those of a replay to the bit. A reading that is left out is bridged by the motion and the duration
 /// of the next one.
 ///
-/// Poses are those of the messages, or those of another [`Motion`].
-pub struct LiveEstimator<M = Poses> {
-    build: Build,
-    gate: ReadingGate,
-    /// Whether the estimates of a contact are revised at its end.
-    looks_back: bool,
-    estimator: Estimator,
-    steps: Steps,
-    matching: Matching<M>,
+/// Poses are those of the messages, or those of another [`Motion`]. The estimator is one of the plane, or one of space
+/// ([`LiveEstimator::in_space`]).
+pub struct LiveEstimator<M = Poses, K: Kind = Planar> {
+    build: Box<dyn Fn() -> anyhow::Result<K> + Send>,
+    estimator: K,
+    matching: Matching<M, K::Reading>,
     /// Pose of the base at the first sample of the estimator.
-    start: Option<Pose<Base, World>>,
+    start: Option<K::Base>,
     /// Answers that may be revised, and the estimates of those with a pose.
-    held: Vec<Answer>,
-    estimates: Vec<Option<Estimate>>,
+    held: Vec<AnswerOf<K>>,
+    estimates: Vec<Option<K::Estimate>>,
     counters: Counters,
     /// Status of the last reading, if it had no pose.
     blocked: Option<Status>,
@@ -119,7 +136,7 @@ impl LiveEstimator {
     }
 }
 
-impl<M: Motion> LiveEstimator<M> {
+impl<M: Motion<Base = Pose<Base, World>>> LiveEstimator<M> {
     /// As [`LiveEstimator::new`], with the poses of this motion.
     ///
     /// # Errors
@@ -131,14 +148,45 @@ impl<M: Motion> LiveEstimator<M> {
         timing: Timing,
         motion: M,
     ) -> anyhow::Result<Self> {
+        let gate = knowledge.gate();
+        let build = move || Ok(Planar::new(build()?, gate, looks_back));
+        Self::of(Box::new(build), knowledge.rate_hz, timing, motion)
+    }
+
+    /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
+    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.estimator.outline()
+    }
+}
+
+impl LiveEstimator<SpatialPoses, Spatial> {
+    /// An estimator in space with these settings.
+    ///
+    /// # Errors
+    /// As [`LiveEstimator::new`].
+    pub fn in_space(
+        build: SpatialBuild,
+        knowledge: &Arc<space::estimators::Knowledge>,
+        timing: Timing,
+    ) -> anyhow::Result<Self> {
+        let (rate_hz, of_build) = (knowledge.rate_hz, knowledge.clone());
+        let build = move || Ok(Spatial::new(build()?, &of_build));
+        Self::of(Box::new(build), rate_hz, timing, SpatialPoses::default())
+    }
+}
+
+impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
+    fn of(
+        build: Box<dyn Fn() -> anyhow::Result<K> + Send>,
+        rate_hz: f64,
+        timing: Timing,
+        motion: M,
+    ) -> anyhow::Result<Self> {
         timing.validate()?;
         Ok(Self {
             estimator: build()?,
             build,
-            gate: knowledge.gate(),
-            looks_back,
-            steps: Steps::default(),
-            matching: Matching::new(timing, knowledge.rate_hz, motion),
+            matching: Matching::new(timing, rate_hz, motion),
             start: None,
             held: Vec::new(),
             estimates: Vec::new(),
@@ -151,10 +199,16 @@ impl<M: Motion> LiveEstimator<M> {
     ///
     /// # Errors
     /// If the estimator cannot be built again after a jump of a clock.
-    pub fn reading(&mut self, t_s: f64, reading_n_m: f64, now_s: f64, out: &mut Output) -> anyhow::Result<()> {
+    pub fn reading(
+        &mut self,
+        t_s: f64,
+        reading_n_m: K::Reading,
+        now_s: f64,
+        out: &mut OutputOf<K>,
+    ) -> anyhow::Result<()> {
         self.counters.readings += 1;
         let arrived = Arrived { t_s, reading_n_m, at_s: now_s };
-        if !(t_s.is_finite() && reading_n_m.is_finite()) {
+        if !(t_s.is_finite() && K::is_finite(&reading_n_m)) {
             self.counters.not_finite += 1;
             out.events.push(Event::NotFinite { stream: Stream::Readings, t_s });
             out.answers.push(answer(&arrived, Status::NotFinite));
@@ -179,7 +233,7 @@ impl<M: Motion> LiveEstimator<M> {
     ///
     /// # Errors
     /// If the estimator cannot be built again after a jump of a clock.
-    pub fn pose(&mut self, t_s: f64, measured: M::Measured, now_s: f64, out: &mut Output) -> anyhow::Result<()>
+    pub fn pose(&mut self, t_s: f64, measured: M::Measured, now_s: f64, out: &mut OutputOf<K>) -> anyhow::Result<()>
     where
         M::Measured: Clone,
     {
@@ -198,7 +252,7 @@ impl<M: Motion> LiveEstimator<M> {
     }
 
     /// Answers the readings that need not wait any longer at `now_s`.
-    pub fn poll(&mut self, now_s: f64, out: &mut Output) {
+    pub fn poll(&mut self, now_s: f64, out: &mut OutputOf<K>) {
         while let Some((arrived, place)) = self.matching.settled(now_s, &mut self.counters) {
             self.step(&arrived, place, out);
         }
@@ -210,7 +264,7 @@ impl<M: Motion> LiveEstimator<M> {
     }
 
     /// Answers all readings at the end of the streams.
-    pub fn finish(&mut self, out: &mut Output) {
+    pub fn finish(&mut self, out: &mut OutputOf<K>) {
         while let Some((arrived, place)) = self.matching.last(&mut self.counters) {
             self.step(&arrived, place, out);
         }
@@ -228,17 +282,12 @@ impl<M: Motion> LiveEstimator<M> {
         &self.counters
     }
 
-    /// Pose of the base at the first sample of the estimator, the frame of [`Self::outline`]. `None` before it.
-    pub fn start(&self) -> Option<Pose<Base, World>> {
+    /// Pose of the base at the first sample of the estimator, in the plane the frame of the outline. `None` before it.
+    pub fn start(&self) -> Option<K::Base> {
         self.start
     }
 
-    /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
-    pub fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.estimator.outline().map(|outline| outline.points)
-    }
-
-    fn step(&mut self, arrived: &Arrived, place: Place, out: &mut Output) {
+    fn step(&mut self, arrived: &Arrived<K::Reading>, place: Place<K::Base>, out: &mut OutputOf<K>) {
         let Arrived { t_s, reading_n_m, .. } = *arrived;
         let base = match place {
             Place::At(base) => base,
@@ -259,17 +308,16 @@ impl<M: Motion> LiveEstimator<M> {
         }
         self.start.get_or_insert(base);
         self.counters.matched += 1;
-        let is_gated = !self.gate.admits(reading_n_m);
+        let is_gated = !self.estimator.admits(&reading_n_m);
         self.counters.gated += u64::from(is_gated);
-        let now = Instant { t_s, base, twist: None, moment_z_n_m: reading_n_m, rotation_z_rad: None };
-        self.estimator.push(&self.steps.sample(&now, reading_n_m), &mut self.estimates);
+        self.estimator.push(t_s, &base, reading_n_m, &mut self.estimates);
         let status = if is_gated { Status::Gated } else { Status::Used };
         self.held.push(Answer { base: Some(base), ..answer(arrived, status) });
         self.release_unless_held(out);
     }
 
     /// Answers a reading without a pose; the event is that of the first one.
-    fn block(&mut self, arrived: &Arrived, status: Status, event: Event, out: &mut Output) {
+    fn block(&mut self, arrived: &Arrived<K::Reading>, status: Status, event: Event, out: &mut OutputOf<K>) {
         if self.blocked.replace(status) != Some(status) {
             out.events.push(event);
         }
@@ -277,13 +325,13 @@ impl<M: Motion> LiveEstimator<M> {
         self.release_unless_held(out);
     }
 
-    fn release_unless_held(&mut self, out: &mut Output) {
-        if !(self.looks_back && self.estimator.is_following()) {
+    fn release_unless_held(&mut self, out: &mut OutputOf<K>) {
+        if !self.estimator.is_following() {
             self.release(out);
         }
     }
 
-    fn release(&mut self, out: &mut Output) {
+    fn release(&mut self, out: &mut OutputOf<K>) {
         let mut estimates = self.estimates.drain(..);
         for answer in self.held.drain(..) {
             // The estimator was given those with a pose.
@@ -294,7 +342,7 @@ impl<M: Motion> LiveEstimator<M> {
     }
 
     /// Begins anew after a jump of a clock; waiting readings are dropped.
-    fn restart(&mut self, stream: Stream, jump: Jump, out: &mut Output) -> anyhow::Result<()> {
+    fn restart(&mut self, stream: Stream, jump: Jump, out: &mut OutputOf<K>) -> anyhow::Result<()> {
         self.counters.jumps += 1;
         self.estimator.end(&mut self.estimates);
         self.release(out);
@@ -302,7 +350,6 @@ impl<M: Motion> LiveEstimator<M> {
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
         out.events.push(Event::Jumped { stream, jump });
         self.estimator = (self.build)()?;
-        self.steps = Steps::default();
         self.start = None;
         self.blocked = None;
         Ok(())
@@ -310,7 +357,7 @@ impl<M: Motion> LiveEstimator<M> {
 }
 
 /// Answer without an estimate.
-fn answer(arrived: &Arrived, status: Status) -> Answer {
+fn answer<R: Copy, P, E>(arrived: &Arrived<R>, status: Status) -> Answer<R, P, E> {
     let Arrived { t_s, reading_n_m, at_s } = *arrived;
     Answer { t_s, arrived_s: at_s, reading_n_m, status, base: None, estimate: None }
 }

@@ -10,7 +10,8 @@
 //! | item | contents |
 //! | --- | --- |
 //! | [`LiveEstimator`] | estimator of one whisker on its streams |
-//! | [`Motion`], [`Poses`] | motion of the base between its measurements |
+//! | [`Kind`], [`Planar`], [`Spatial`] | estimators of the plane and of space |
+//! | [`Motion`], [`Poses`], [`SpatialPoses`] | motion of the base between its measurements |
 //! | [`Samples`] | values over time and their interpolation |
 //! | [`Timing`] | longest waits and gaps, smallest jump of a clock |
 //! | [`Counters`], [`Event`], [`Status`] | what happened to the messages |
@@ -83,6 +84,7 @@ mod counters;
 mod disturbance;
 mod estimator;
 mod event;
+mod kind;
 mod matching;
 mod motion;
 mod play;
@@ -94,10 +96,11 @@ pub mod wire;
 pub use clock::{Clock, Jump, Order};
 pub use counters::Counters;
 pub use disturbance::Disturbance;
-pub use estimator::{Answer, Build, LiveEstimator, Output, Status};
+pub use estimator::{Answer, Build, LiveEstimator, Output, SpatialAnswer, SpatialBuild, SpatialOutput, Status};
 pub use event::{Event, Stream};
+pub use kind::{Kind, Planar, Spatial};
 pub use motion::{Deviation, Motion, Place};
-pub use play::{Content, Message, messages, play};
-pub use poses::Poses;
+pub use play::{Content, Message, SpatialMessage, messages, messages_in_space, play};
+pub use poses::{Poses, SpatialPoses};
 pub use samples::{Sampled, Samples};
 pub use timing::Timing;

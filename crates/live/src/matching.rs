@@ -21,9 +21,9 @@ const UNEVEN: f64 = 0.5;
 
 /// Reading that has arrived.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Arrived {
+pub(crate) struct Arrived<R> {
     pub(crate) t_s: f64,
-    pub(crate) reading_n_m: f64,
+    pub(crate) reading_n_m: R,
     pub(crate) at_s: f64,
 }
 
@@ -40,25 +40,25 @@ pub(crate) enum Admitted {
 
 /// Readings that wait for their poses, and the motion that determines these.
 #[derive(Clone, Debug)]
-pub(crate) struct Matching<M> {
+pub(crate) struct Matching<M, R> {
     timing: Timing,
     rate_hz: f64,
     readings: Clock,
     /// In order of time.
-    waiting: VecDeque<Arrived>,
+    waiting: VecDeque<Arrived<R>>,
     motion: M,
     /// Times of the last settled readings.
     recent: VecDeque<f64>,
 }
 
-impl<M: Motion> Matching<M> {
+impl<M: Motion, R: Copy> Matching<M, R> {
     pub(crate) fn new(timing: Timing, rate_hz: f64, motion: M) -> Self {
         let (waiting, recent) = (VecDeque::new(), VecDeque::new());
         Self { timing, rate_hz, readings: Clock::default(), waiting, motion, recent }
     }
 
     /// Begins anew after a jump of a clock. Returns the readings that waited.
-    pub(crate) fn restart(&mut self) -> VecDeque<Arrived> {
+    pub(crate) fn restart(&mut self) -> VecDeque<Arrived<R>> {
         self.motion.restart();
         self.readings = Clock::default();
         self.recent.clear();
@@ -69,7 +69,7 @@ impl<M: Motion> Matching<M> {
     ///
     /// # Errors
     /// If the clock of the readings has jumped; the reading is not added.
-    pub(crate) fn reading(&mut self, arrived: Arrived, counters: &mut Counters) -> Result<Admitted, Jump> {
+    pub(crate) fn reading(&mut self, arrived: Arrived<R>, counters: &mut Counters) -> Result<Admitted, Jump> {
         let Arrived { t_s, at_s, .. } = arrived;
         let order = self.readings.check(t_s, at_s, self.jump_s());
         if let Order::Jumped(jump) = order {
@@ -126,7 +126,7 @@ impl<M: Motion> Matching<M> {
 
     /// The next reading that needs not wait any longer at `now_s`, with the place of the base, which is not
     /// pending.
-    pub(crate) fn settled(&mut self, now_s: f64, counters: &mut Counters) -> Option<(Arrived, Place)> {
+    pub(crate) fn settled(&mut self, now_s: f64, counters: &mut Counters) -> Option<(Arrived<R>, Place<M::Base>)> {
         let next = *self.waiting.front()?;
         let is_full = self.waiting.len() > MOST_WAITING;
         if !is_full && self.awaits_earlier(&next) && now_s < next.at_s + self.timing.reorder_s {
@@ -142,7 +142,7 @@ impl<M: Motion> Matching<M> {
     }
 
     /// The next waiting reading, at the end of the streams: as [`Self::settled`] without a wait.
-    pub(crate) fn last(&mut self, counters: &mut Counters) -> Option<(Arrived, Place)> {
+    pub(crate) fn last(&mut self, counters: &mut Counters) -> Option<(Arrived<R>, Place<M::Base>)> {
         self.settled(f64::INFINITY, counters)
     }
 
@@ -150,7 +150,7 @@ impl<M: Motion> Matching<M> {
     pub(crate) fn deadline_s(&self) -> Option<f64> {
         let next = self.waiting.front()?;
         let earlier_s = if self.awaits_earlier(next) { self.timing.reorder_s } else { 0.0 };
-        let pending = self.motion.at(next.t_s, self.timing.gap_s) == Place::Pending;
+        let pending = matches!(self.motion.at(next.t_s, self.timing.gap_s), Place::Pending);
         let pose_s = if pending { self.timing.wait_s } else { 0.0 };
         Some(next.at_s + earlier_s.max(pose_s))
     }
@@ -166,7 +166,7 @@ impl<M: Motion> Matching<M> {
     }
 
     /// Whether readings between the last settled one and this one have not arrived.
-    fn awaits_earlier(&self, next: &Arrived) -> bool {
+    fn awaits_earlier(&self, next: &Arrived<R>) -> bool {
         self.recent.back().is_some_and(|last_s| (next.t_s - last_s) * self.rate_hz > 1.0 + UNEVEN)
     }
 
@@ -175,7 +175,7 @@ impl<M: Motion> Matching<M> {
         self.timing.jump_s.max(INTERVALS / self.rate_hz)
     }
 
-    fn settle(&mut self, next: &Arrived, counters: &mut Counters) {
+    fn settle(&mut self, next: &Arrived<R>, counters: &mut Counters) {
         if let Some(last_s) = self.recent.back() {
             let intervals = ((next.t_s - last_s) * self.rate_hz).round();
             counters.missing += (intervals - 1.0).max(0.0) as u64;

@@ -6,9 +6,9 @@ use crate::clock::Clock;
 
 /// Pose of the base at a requested time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Place {
+pub enum Place<P = Pose<Base, World>> {
     /// It is known.
-    At(Pose<Base, World>),
+    At(P),
     /// A later measurement may determine it.
     Pending,
     /// No later measurement can determine it: there is none before, or too long a gap.
@@ -31,6 +31,8 @@ pub struct Deviation {
 pub trait Motion: Send {
     /// A measurement.
     type Measured;
+    /// Pose of the base.
+    type Base;
 
     /// Whether all values of a measurement are finite.
     fn is_finite(&self, measured: &Self::Measured) -> bool;
@@ -45,7 +47,7 @@ pub trait Motion: Send {
     fn insert(&mut self, t_s: f64, measured: Self::Measured) -> bool;
 
     /// Pose at a time. Measurements are interpolated if they are at most `gap_s` apart.
-    fn at(&self, t_s: f64, gap_s: f64) -> Place;
+    fn at(&self, t_s: f64, gap_s: f64) -> Place<Self::Base>;
 
     /// Time up to which the measurements determine the pose.
     fn newest_s(&self) -> Option<f64>;

@@ -1,23 +1,26 @@
 //! Recordings played as streams.
 
-use trace::Recording;
+use nalgebra::Vector2;
+use trace::{Recording, SpatialPose, SpatialRecording};
 use whisker::frames::{Base, Pose, World};
 
 use crate::disturbance::Disturbance;
 use crate::estimator::{LiveEstimator, Output};
+use crate::kind::Kind;
+use crate::motion::Motion;
 
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Content {
+pub enum Content<R = f64, P = Pose<Base, World>> {
     /// Reading of the sensor (N m).
-    Reading(f64),
+    Reading(R),
     /// Pose of the base.
-    Pose(Pose<Base, World>),
+    Pose(P),
 }
 
 /// Message of a whisker.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Message {
+pub struct Message<R = f64, P = Pose<Base, World>> {
     /// Index of the whisker.
     pub whisker: usize,
     /// Time of the message.
@@ -25,22 +28,57 @@ pub struct Message {
     /// Time of its arrival.
     pub at_s: f64,
     /// Content.
-    pub content: Content,
+    pub content: Content<R, P>,
 }
+
+/// Message of a whisker in space.
+pub type SpatialMessage = Message<Vector2<f64>, SpatialPose>;
 
 /// Messages of the recordings of some whiskers with their readings, in order of arrival. Without disturbance each arrives at
 /// its own time, poses before readings. The seed is that of the disturbance.
 pub fn messages(recordings: &[(&Recording, &[f64])], disturbance: &Disturbance, seed: u64) -> Vec<Message> {
+    let streams: Vec<Vec<(f64, Pose<Base, World>, f64)>> = recordings
+        .iter()
+        .map(|(recording, readings_n_m)| {
+            let rows = recording.instants.iter().zip(readings_n_m.iter());
+            rows.map(|(now, reading_n_m)| (now.t_s, now.base, *reading_n_m)).collect()
+        })
+        .collect();
+    arriving(&streams, disturbance, seed)
+}
+
+/// The same of recordings in space.
+pub fn messages_in_space(
+    recordings: &[(&SpatialRecording, &[Vector2<f64>])],
+    disturbance: &Disturbance,
+    seed: u64,
+) -> Vec<SpatialMessage> {
+    let streams: Vec<Vec<(f64, SpatialPose, Vector2<f64>)>> = recordings
+        .iter()
+        .map(|(recording, readings_n_m)| {
+            let rows = recording.instants.iter().zip(readings_n_m.iter());
+            rows.map(|(now, reading_n_m)| (now.t_s, now.base, *reading_n_m)).collect()
+        })
+        .collect();
+    arriving(&streams, disturbance, seed)
+}
+
+/// Messages of the rows of some whiskers: time, pose and reading.
+fn arriving<R: Copy, P: Copy>(
+    whiskers: &[Vec<(f64, P, R)>],
+    disturbance: &Disturbance,
+    seed: u64,
+) -> Vec<Message<R, P>> {
     let mut all = Vec::new();
-    for (whisker, (recording, readings_n_m)) in recordings.iter().enumerate() {
-        let times_s: Vec<f64> = recording.instants.iter().map(|instant| instant.t_s).collect();
-        let mut add = |stream: u64, content: &dyn Fn(usize) -> Content| {
-            let seed = seed.wrapping_mul(2 * recordings.len() as u64).wrapping_add(2 * whisker as u64 + stream);
+    for (whisker, rows) in whiskers.iter().enumerate() {
+        let times_s: Vec<f64> = rows.iter().map(|(t_s, ..)| *t_s).collect();
+        let mut add = |stream: u64, content: &dyn Fn(usize) -> Content<R, P>| {
+            let seed = seed.wrapping_mul(2 * whiskers.len() as u64).wrapping_add(2 * whisker as u64 + stream);
             let arrivals = disturbance.arrivals(&times_s, seed).into_iter();
             all.extend(arrivals.map(|(row, at_s)| Message { whisker, t_s: times_s[row], at_s, content: content(row) }));
         };
-        add(0, &|row| Content::Pose(recording.instants[row].base));
-        add(1, &|row| Content::Reading(readings_n_m[row]));
+        add(0, &|row| Content::Pose(rows[row].1));
+        add(1, &|row| Content::Reading(rows[row].2));
     }
     all.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     all
@@ -51,11 +89,11 @@ pub fn messages(recordings: &[(&Recording, &[f64])], disturbance: &Disturbance, 
 ///
 /// # Errors
 /// If an estimator cannot be built again after a jump of a clock, or those of `take`.
-pub fn play(
-    estimators: &mut [LiveEstimator],
-    messages: &[Message],
+pub fn play<K: Kind, M: Motion<Measured = K::Base, Base = K::Base>>(
+    estimators: &mut [LiveEstimator<M, K>],
+    messages: &[Message<K::Reading, K::Base>],
     mut pace: impl FnMut(f64) -> bool,
-    mut take: impl FnMut(usize, &mut Output) -> anyhow::Result<()>,
+    mut take: impl FnMut(usize, &mut Output<K::Reading, K::Base, K::Estimate>) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let mut out = Output::default();
     'streams: for message in messages {
@@ -71,7 +109,7 @@ pub fn play(
         }
         let Message { whisker, t_s, at_s, content } = *message;
         match content {
-            Content::Reading(reading_n_m) => estimators[whisker].reading(t_s, reading_n_m, at_s, &mut out)?,
+            Content::Reading(reading) => estimators[whisker].reading(t_s, reading, at_s, &mut out)?,
             Content::Pose(pose) => estimators[whisker].pose(t_s, pose, at_s, &mut out)?,
         }
         take(whisker, &mut out)?;
@@ -84,7 +122,7 @@ pub fn play(
 }
 
 /// The earliest time at which a whisker is to be polled, and its index.
-fn first_due(estimators: &[LiveEstimator]) -> Option<(f64, usize)> {
+fn first_due<K: Kind, M: Motion<Base = K::Base>>(estimators: &[LiveEstimator<M, K>]) -> Option<(f64, usize)> {
     let due = estimators.iter().enumerate().filter_map(|(whisker, of)| Some((of.deadline_s()?, whisker)));
     due.min_by(|a, b| a.0.total_cmp(&b.0))
 }

@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::Calibrated;
-use crate::fixed::{Reading, Settings};
+use crate::fixed::{Estimate, Reading, Settings};
 use crate::kernel::Kernel;
-use crate::mesh::{distance_m, nearest};
-use crate::paper;
-use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch};
+use crate::mesh::{Face, distance_m, extent_m, nearest, vertex_distance_m};
+use crate::paper::{self, PaperUkf};
+use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch, wrong};
 use crate::process::{HeldOut, Process};
 use crate::sweep::{SweepSettings, contacts};
 
@@ -23,6 +23,9 @@ use crate::sweep::{SweepSettings, contacts};
 pub const FIXED: &str = "fixed-point-batch";
 /// Name of the published filter.
 pub const PAPER: &str = "paper-ukf-3d";
+
+/// Least share of the contacts of a sweep that lie on a face whose distances are stated.
+const FACE_SHARE: f64 = 0.1;
 
 /// Error of a sensor model on left-out lines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,19 +58,56 @@ pub struct SweepScore {
     /// Number of rows in contact.
     pub rows: usize,
     /// Share of these rows with a contact within the calibrated domain.
-    pub reach: f64,
-    /// Length of the way of the contacts (m).
-    pub extent_m: f64,
-    /// Mean distance of the contacts from the mesh, as recorded (m). `None` without a mesh.
+    pub answered: f64,
+    /// Share of these rows with such a contact that the whisker can reach: at an arc length of at most that
+    /// at which pins slip off its tip. `None` without trials with pins.
+    pub reach: Option<f64>,
+    /// Length of the part of the mesh that the contacts cover (m), see [`extent_m`]. `None` without a mesh.
+    pub extent_m: Option<f64>,
+    /// Mean distance of the contacts from the surface of the mesh, as recorded (m). `None` without a mesh.
     pub mean_m: Option<f64>,
     /// 95th percentile of this distance (m).
     pub p95_m: Option<f64>,
-    /// Mean distance after one shift of the object, without rotation (m).
+    /// Mean distance of the contacts from the nearest vertex of the mesh, as recorded (m): the score of the publication.
+    pub vertex_mean_m: Option<f64>,
+    /// Standard deviation of this distance (m).
+    pub vertex_sd_m: Option<f64>,
+    /// Mean distance from the surface after one shift of the object for all of its sweeps, without rotation (m).
     pub shifted_mean_m: Option<f64>,
     /// 95th percentile after this shift (m).
     pub shifted_p95_m: Option<f64>,
     /// Length of the shift (m).
     pub shift_m: Option<f64>,
+    /// Shift of the contacts along x of the object's frame (m).
+    pub shift_x_m: Option<f64>,
+    /// The same along y.
+    pub shift_y_m: Option<f64>,
+    /// The same along z.
+    pub shift_z_m: Option<f64>,
+}
+
+/// Distances of the contacts of one sweep from one face of the object: a plane of its mesh that is the nearest to at least a
+/// tenth of the contacts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaceScore {
+    /// Name of the sweep.
+    pub name: String,
+    /// Name of the object.
+    pub object: String,
+    /// Unit normal of the face, x.
+    pub normal_x: f64,
+    /// The same, y.
+    pub normal_y: f64,
+    /// The same, z.
+    pub normal_z: f64,
+    /// Distance of the plane from the origin of the object's frame along the normal (m).
+    pub offset_m: f64,
+    /// Number of contacts to which this face is the nearest, as recorded.
+    pub contacts: usize,
+    /// Mean distance of these contacts from the surface of the mesh, as recorded (m).
+    pub mean_m: f64,
+    /// 95th percentile of this distance (m).
+    pub p95_m: f64,
 }
 
 /// Scores of an estimator on a group of pins.
@@ -134,8 +174,12 @@ pub struct Benchmark {
     pub maps: Vec<MapScore>,
     /// Pins.
     pub pins: Vec<PinScore>,
-    /// Sweeps.
+    /// Sweeps, by the batch.
     pub sweeps: Vec<SweepScore>,
+    /// Faces of the objects of these sweeps.
+    pub faces: Vec<FaceScore>,
+    /// Sweeps, by the published filter.
+    pub paper_sweeps: Vec<SweepScore>,
     /// Calibrations and tests that could not be evaluated.
     pub failures: Vec<String>,
 }
@@ -149,7 +193,8 @@ struct Stated {
 }
 
 /// Evaluates the recordings of a clone and writes `space_maps.csv`, `space_pins.csv`, `space_pins_summary.csv`,
-/// `space_sweeps.csv` and `space_settings.json` into `out`. The result does not depend on the number of threads.
+/// `space_sweeps.csv`, `space_faces.csv`, `space_sweeps_paper.csv` and `space_settings.json` into `out`. The result does not depend
+/// on the number of threads.
 ///
 /// # Errors
 /// If the recordings cannot be read, or a table cannot be written.
@@ -174,6 +219,8 @@ pub fn run(folder: &Path, out: &Path, progress: &dyn Fn(&str)) -> anyhow::Result
     write_atomically(&out.join("space_pins.csv"), &table(&benchmark.pins)?)?;
     write_atomically(&out.join("space_pins_summary.csv"), &table(&benchmark.summary())?)?;
     write_atomically(&out.join("space_sweeps.csv"), &table(&benchmark.sweeps)?)?;
+    write_atomically(&out.join("space_faces.csv"), &table(&benchmark.faces)?)?;
+    write_atomically(&out.join("space_sweeps_paper.csv"), &table(&benchmark.paper_sweeps)?)?;
     Ok(benchmark)
 }
 
@@ -248,52 +295,181 @@ fn evaluate(
                 let mounting = Mounting::learnt(&ours, readings, &Vector3::zeros());
                 let corrected: Vec<Reading> = touch.iter().map(|reading| mounting.corrected(reading)).collect();
                 let group = format!("{group}, mounting learnt");
-                scores.extend(score(&group, name, FIXED, &replay(fixed, &corrected)));
+                let methods = [(FIXED, fixed), (PAPER, Method::Paper(&theirs, i as u64))];
+                scores.extend(
+                    methods
+                        .into_iter()
+                        .filter_map(|(method, how)| score(&group, name, method, &replay(how, &corrected))),
+                );
             }
             scores
         })
         .collect();
     benchmark.pins.extend(scored.into_iter().flatten());
     let sweeps: Vec<&SpatialSweep> = recordings.sweeps.iter().filter(|sweep| sweep.calibration == index).collect();
-    let swept = sweeps.par_iter().filter_map(|sweep| sweep_score(calibrated, sweep, least_counts));
-    benchmark.sweeps.extend(swept.collect::<Vec<_>>());
+    let swept: Vec<Swept<'_>> = sweeps
+        .par_iter()
+        .enumerate()
+        .filter_map(|(i, sweep)| Swept::new(calibrated, &published, sweep, i as u64, least_counts))
+        .collect();
+    let tip_m = tip_m(calibrated, trials.iter().map(|(.., touch)| touch.as_slice()));
+    benchmark.sweeps.extend(scores(calibrated, tip_m, &swept, |swept| &swept.batch));
+    benchmark.faces.extend(swept.iter().flat_map(Swept::faces));
+    benchmark.paper_sweeps.extend(scores(calibrated, tip_m, &swept, |swept| &swept.paper));
     Ok(())
 }
 
-fn sweep_score(calibrated: &Calibrated, sweep: &SpatialSweep, least_counts: f64) -> Option<SweepScore> {
-    let first = sweep.rows.iter().position(|(_, counts)| counts.norm() > least_counts)?;
-    let held = sweep.rows[first..].iter().position(|(_, counts)| counts.norm() <= least_counts);
-    let last = held.map_or(sweep.rows.len(), |held| first + held);
-    let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), PI);
-    let reading = |(origin_m, counts): &(Vector3<f64>, _)| Reading { rotation, origin_m: *origin_m, counts: *counts };
-    let readings: Vec<Reading> = sweep.rows[first.saturating_sub(1)..last].iter().map(reading).collect();
-    let predictor = calibrated.process.without(&[]);
-    let all = contacts(&predictor, &calibrated.root_m, &readings, &SweepSettings::default());
-    let found: Vec<Vector3<f64>> = all.iter().flatten().copied().collect();
-    if found.is_empty() {
-        return None;
+/// Arc length at which pins slip off the tip (m): median over trials of the outermost contact. `None` without trials.
+fn tip_m<'a>(calibrated: &Calibrated, touches: impl Iterator<Item = &'a [Reading]>) -> Option<f64> {
+    let arc_m = |reading: &Reading| calibrated.wire.arc_m(&reading.to_sensor(&Vector3::zeros()));
+    let mut outermost_m: Vec<f64> =
+        touches.filter_map(|touch| touch.iter().filter_map(arc_m).max_by(f64::total_cmp)).collect();
+    outermost_m.sort_by(f64::total_cmp);
+    outermost_m.get(outermost_m.len() / 2).copied()
+}
+
+/// Contacts of a sweep, one for each row of the touch; `None` where none is stated.
+struct Swept<'a> {
+    sweep: &'a SpatialSweep,
+    /// Readings of the touch.
+    readings: Vec<Reading>,
+    /// Contacts by the batch.
+    batch: Vec<Option<Vector3<f64>>>,
+    /// Contacts by the published filter.
+    paper: Vec<Option<Vector3<f64>>>,
+}
+
+impl<'a> Swept<'a> {
+    /// `None` if the batch states no contact. The published filter starts 5 mm from the first contact of the batch, in a direction
+    /// drawn from `seed`.
+    fn new(
+        calibrated: &Calibrated,
+        published: &Process,
+        sweep: &'a SpatialSweep,
+        seed: u64,
+        least_counts: f64,
+    ) -> Option<Self> {
+        let first = sweep.rows.iter().position(|(_, counts)| counts.norm() > least_counts)?;
+        let held = sweep.rows[first..].iter().position(|(_, counts)| counts.norm() <= least_counts);
+        let last = held.map_or(sweep.rows.len(), |held| first + held);
+        let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), PI);
+        let reading =
+            |(origin_m, counts): &(Vector3<f64>, _)| Reading { rotation, origin_m: *origin_m, counts: *counts };
+        let mut readings: Vec<Reading> = sweep.rows[first.saturating_sub(1)..last].iter().map(reading).collect();
+        let batch =
+            contacts(&calibrated.process.without(&[]), &calibrated.root_m, &readings, &SweepSettings::default());
+        let start_m = batch.iter().flatten().next()? + wrong(seed);
+        let predictor = published.without(&[]);
+        let before = readings.remove(0);
+        let mut filter = PaperUkf::new(&predictor, before, start_m);
+        let contact = |estimate: Estimate| estimate.contact_m;
+        let paper = readings.iter().map(|reading| filter.step(*reading).map(contact)).collect();
+        Some(Self { sweep, readings, batch, paper })
     }
-    let shifted = sweep.mesh.as_ref().map(|mesh| shift(&found, mesh));
-    let distances = |shift_m: Vector3<f64>| {
-        let mesh = sweep.mesh.as_ref()?;
-        let mut distances: Vec<f64> = found.iter().map(|contact| distance_m(&(contact + shift_m), mesh)).collect();
-        distances.sort_by(f64::total_cmp);
-        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-        Some((mean, distances[(distances.len() * 95 / 100).min(distances.len() - 1)]))
+
+    /// Distances of the batch's contacts from the faces on which at least [`FACE_SHARE`] of them lie.
+    fn faces(&self) -> Vec<FaceScore> {
+        let Some(mesh) = &self.sweep.mesh else { return Vec::new() };
+        let mut faces: Vec<(Face, Vec<f64>)> = Vec::new();
+        for contact in self.batch.iter().flatten() {
+            let Some(face) = Face::nearest(contact, mesh) else { continue };
+            let distance = distance_m(contact, mesh);
+            match faces.iter_mut().find(|(known, _)| known.is(&face)) {
+                Some((_, distances)) => distances.push(distance),
+                None => faces.push((face, vec![distance])),
+            }
+        }
+        let contacts: usize = faces.iter().map(|(_, distances)| distances.len()).sum();
+        let least = FACE_SHARE * contacts as f64;
+        let stated = faces.into_iter().filter(|(_, distances)| distances.len() as f64 >= least);
+        stated
+            .map(|(face, mut distances)| {
+                let (mean_m, p95_m) = mean_and_p95(&mut distances);
+                FaceScore {
+                    name: self.sweep.name.clone(),
+                    object: self.sweep.object.clone(),
+                    normal_x: face.normal.x,
+                    normal_y: face.normal.y,
+                    normal_z: face.normal.z,
+                    offset_m: face.offset_m,
+                    contacts: distances.len(),
+                    mean_m,
+                    p95_m,
+                }
+            })
+            .collect()
+    }
+}
+
+/// Mean and 95th percentile of distances, of which there is at least one.
+fn mean_and_p95(distances: &mut [f64]) -> (f64, f64) {
+    distances.sort_by(f64::total_cmp);
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    (mean, distances[(distances.len() * 95 / 100).min(distances.len() - 1)])
+}
+
+/// Scores of an estimator's contacts. All sweeps over one object have one shift.
+fn scores<'a>(
+    calibrated: &Calibrated,
+    tip_m: Option<f64>,
+    swept: &[Swept<'a>],
+    of: impl for<'b> Fn(&'b Swept<'a>) -> &'b [Option<Vector3<f64>>] + Sync,
+) -> Vec<SweepScore> {
+    let shift_of = |object: &str| {
+        let same = || swept.iter().filter(|other| other.sweep.object == object);
+        let mesh = same().find_map(|other| other.sweep.mesh.as_ref())?;
+        let found: Vec<Vector3<f64>> = same().flat_map(|other| of(other).iter().flatten().copied()).collect();
+        (!found.is_empty()).then(|| shift(&found, mesh))
     };
-    let (recorded, moved) = (distances(Vector3::zeros()), shifted.and_then(distances));
-    Some(SweepScore {
-        name: sweep.name.clone(),
-        object: sweep.object.clone(),
-        rows: all.len(),
-        reach: found.len() as f64 / all.len() as f64,
-        extent_m: found.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum(),
-        mean_m: recorded.map(|(mean, _)| mean),
-        p95_m: recorded.map(|(_, p95)| p95),
-        shifted_mean_m: moved.map(|(mean, _)| mean),
-        shifted_p95_m: moved.map(|(_, p95)| p95),
-        shift_m: shifted.map(|shift| shift.norm()),
-    })
+    let mut objects: Vec<&str> = swept.iter().map(|one| one.sweep.object.as_str()).collect();
+    objects.dedup();
+    let shifts: Vec<(&str, Option<Vector3<f64>>)> =
+        objects.par_iter().map(|object| (*object, shift_of(object))).collect();
+    let score = |one: &Swept<'a>| {
+        let (sweep, all) = (one.sweep, of(one));
+        let found: Vec<Vector3<f64>> = all.iter().flatten().copied().collect();
+        let is_within = |tip_m: f64, contact: &Option<Vector3<f64>>, reading: &Reading| {
+            let arc_m = contact.and_then(|contact| calibrated.wire.arc_m(&reading.to_sensor(&contact)));
+            arc_m.is_some_and(|arc_m| arc_m <= tip_m)
+        };
+        let reach = tip_m.map(|tip_m| {
+            let rows = all.iter().zip(&one.readings);
+            rows.filter(|(contact, reading)| is_within(tip_m, contact, reading)).count() as f64 / all.len() as f64
+        });
+        let mesh = sweep.mesh.as_ref().filter(|_| !found.is_empty());
+        let surface = |shift_m: Vector3<f64>| {
+            let mesh = mesh?;
+            let mut distances: Vec<f64> = found.iter().map(|contact| distance_m(&(contact + shift_m), mesh)).collect();
+            Some(mean_and_p95(&mut distances))
+        };
+        let vertex = mesh.map(|mesh| {
+            let distances: Vec<f64> = found.iter().map(|contact| vertex_distance_m(contact, mesh)).collect();
+            let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+            let square = distances.iter().map(|distance| (distance - mean).powi(2)).sum::<f64>();
+            (mean, (square / distances.len() as f64).sqrt())
+        });
+        let shift_m = shifts.iter().find(|(object, _)| *object == sweep.object).and_then(|(_, shift)| *shift);
+        let (recorded, moved) = (surface(Vector3::zeros()), shift_m.and_then(surface));
+        SweepScore {
+            name: sweep.name.clone(),
+            object: sweep.object.clone(),
+            rows: all.len(),
+            answered: found.len() as f64 / all.len() as f64,
+            reach,
+            extent_m: mesh.map(|mesh| extent_m(&found, mesh)),
+            mean_m: recorded.map(|(mean, _)| mean),
+            p95_m: recorded.map(|(_, p95)| p95),
+            vertex_mean_m: vertex.map(|(mean, _)| mean),
+            vertex_sd_m: vertex.map(|(_, sd)| sd),
+            shifted_mean_m: moved.map(|(mean, _)| mean),
+            shifted_p95_m: moved.map(|(_, p95)| p95),
+            shift_m: shift_m.map(|shift| shift.norm()),
+            shift_x_m: shift_m.map(|shift| shift.x),
+            shift_y_m: shift_m.map(|shift| shift.y),
+            shift_z_m: shift_m.map(|shift| shift.z),
+        }
+    };
+    swept.par_iter().map(score).collect()
 }
 
 /// The shift of the contacts with the least mean squared distance from a mesh: iterative closest points, translation only.

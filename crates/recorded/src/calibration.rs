@@ -1,7 +1,7 @@
 //! Sensor models of a calibration: the samples of its lines, and the selection of the covariance.
 
 use anyhow::{Context, ensure};
-use importers::{Labelled, SpatialCalibration};
+use importers::{Labelled, SpatialCalibration, Wire};
 use nalgebra::{Vector2, Vector3};
 
 use crate::kernel::{Kernel, Sample};
@@ -26,6 +26,8 @@ pub struct Calibrated {
     pub outliers: usize,
     /// Point about which the root of the wire rotates, in the frame of the sensor (m), 3x1.
     pub root_m: Vector3<f64>,
+    /// The wire, from which the arc lengths of contacts follow.
+    pub wire: Wire,
     /// Lines that are left out with each line.
     pub neighbours: Vec<Vec<usize>>,
 }
@@ -68,7 +70,8 @@ impl Calibrated {
             Process::robust(&samples, kernels).with_context(|| format!("{}: rows: singular covariance", place()))?;
         let neighbours = neighbours(&samples);
         process.inflate(&neighbours);
-        Ok(Self { name: calibration.name.clone(), samples, process, outliers, root_m: calibration.root_m, neighbours })
+        let SpatialCalibration { name, root_m, wire, .. } = calibration.clone();
+        Ok(Self { name, samples, process, outliers, root_m, wire, neighbours })
     }
 }
 

@@ -171,7 +171,7 @@ pub fn replay(method: Method<'_>, readings: &[Reading]) -> Vec<Option<Estimate>>
 }
 
 /// A point 5 mm from the origin, in one of the directions of a spiral over the sphere.
-fn wrong(seed: u64) -> Vector3<f64> {
+pub(crate) fn wrong(seed: u64) -> Vector3<f64> {
     const GOLDEN_RAD: f64 = 2.399_963_229_728_653;
     const TURNS: u64 = 37;
     let height = 2.0 * ((seed % TURNS) as f64 + 0.5) / TURNS as f64 - 1.0;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use testbed::consistency::{Average, ErrorConsistency, NIS_TEST, TrialErrors};
+use testbed::consistency::{Average, ErrorConsistency, NEES_FREEDOM, NIS_TEST, TrialErrors};
 use testbed::metrics::{Metric, error};
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, MapObjectRow,
@@ -183,7 +183,7 @@ impl RunData {
     /// Consistency of an estimator on a set by its errors. `None` if it states no covariance.
     pub(crate) fn errors_of(&self, set: &RunSet, estimator: &str) -> Option<ErrorConsistency> {
         let errors: Vec<TrialErrors> = self.trials_of(set, estimator).into_iter().filter_map(TrialErrors::of).collect();
-        ErrorConsistency::of_trials(&errors)
+        ErrorConsistency::of_trials(NEES_FREEDOM, &errors)
     }
 
     /// Average NIS of an estimator over the trials of a set, with its interval. `None` if it states no innovation.

@@ -1,7 +1,7 @@
 //! Consistency of estimators over many runs (NEES, NIS).
 //!
 //! If the stated covariances are correct, the normalised estimation error squared (NEES) is chi-square with two degrees
-//! of freedom and the normalised innovation squared (NIS) with one. The average over `N` independent runs *at one
+//! of freedom (three in space) and the normalised innovation squared (NIS) with one. The average over `N` independent runs *at one
 //! time*, multiplied by `N`, is then chi-square with `2 N` and `N` degrees of freedom, which determines the interval
 //! that contains 95 % of such averages (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and
 //! Navigation*, 2001, section 5.4.2). A run is one trial under one noise seed.
@@ -35,6 +35,9 @@ use crate::statistics::mean;
 
 /// Degrees of freedom of the NEES: two coordinates of the contact.
 pub const NEES_FREEDOM: usize = 2;
+
+/// Degrees of freedom of the NEES in space: three coordinates of the contact.
+pub const SPATIAL_NEES_FREEDOM: usize = 3;
 
 /// Degrees of freedom of the NIS: one reading.
 pub const NIS_FREEDOM: usize = 1;
@@ -179,8 +182,8 @@ pub struct ErrorConsistency {
 }
 
 impl ErrorConsistency {
-    /// Consistency over the trials of a set. `None` without trials.
-    pub fn of_trials(trials: &[TrialErrors]) -> Option<Self> {
+    /// Consistency over the trials of a set, whose NEES have `freedom` degrees of freedom. `None` without trials.
+    pub fn of_trials(freedom: usize, trials: &[TrialErrors]) -> Option<Self> {
         let value = mean(trials.iter().map(|trial| trial.nees))?;
         let coverage = mean(trials.iter().map(|trial| trial.coverage))?;
         let mut clusters: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -188,9 +191,9 @@ impl ErrorConsistency {
         let of_clusters: Vec<f64> = clusters.into_values().filter_map(mean).collect();
         let by_autocorrelation: f64 = trials.iter().map(|trial| trial.samples).sum();
         let count = of_clusters.len() as f64;
-        let by_scatter = independent_instants(NEES_FREEDOM, &of_clusters).map_or(f64::INFINITY, |each| each * count);
+        let by_scatter = independent_instants(freedom, &of_clusters).map_or(f64::INFINITY, |each| each * count);
         let samples = by_autocorrelation.min(by_scatter).max(count);
-        let nees = Average { value, interval: interval(NEES_FREEDOM, samples), freedom: NEES_FREEDOM };
+        let nees = Average { value, interval: interval(freedom, samples), freedom };
         Some(Self { nees, coverage, coverage_interval: share_interval(LEVEL, samples) })
     }
 
@@ -308,7 +311,7 @@ mod tests {
                 coverage,
                 samples: 12.0,
             };
-            ErrorConsistency::of_trials(&(0..20).map(trial).collect::<Vec<_>>()).unwrap()
+            ErrorConsistency::of_trials(NEES_FREEDOM, &(0..20).map(trial).collect::<Vec<_>>()).unwrap()
         };
         assert_eq!(verdict(2.0, 0.95).verdict(), Verdict::Consistent);
         assert_eq!(verdict(2.0, 0.95).sentence(), "consistent");
@@ -327,11 +330,11 @@ mod tests {
         let alike: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, 2.0 + 0.01 * trace as f64)).collect();
         let apart: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, [0.4, 4.0][trace % 2])).collect();
         let width = |trials: &[TrialErrors]| {
-            let (low, high) = ErrorConsistency::of_trials(trials).unwrap().nees.interval;
+            let (low, high) = ErrorConsistency::of_trials(NEES_FREEDOM, trials).unwrap().nees.interval;
             high - low
         };
         assert!(width(&alike) < 0.12 && width(&apart) > 1.0, "{} {}", width(&alike), width(&apart));
         let far: Vec<TrialErrors> = (0..6).map(|trace| trial(trace, [0.1, 90.0][trace % 2])).collect();
-        assert_eq!(ErrorConsistency::of_trials(&far).unwrap().nees.interval, interval(NEES_FREEDOM, 6.0));
+        assert_eq!(ErrorConsistency::of_trials(NEES_FREEDOM, &far).unwrap().nees.interval, interval(NEES_FREEDOM, 6.0));
     }
 }

@@ -115,6 +115,7 @@
 //! ```
 
 mod candidates;
+mod doubt;
 pub mod elastica;
 pub mod estimators;
 pub mod events;

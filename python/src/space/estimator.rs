@@ -1,6 +1,6 @@
 //! The classes `SpatialEstimator` and `SpatialEstimate`.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ::whisker::events::TouchConfig;
 use ::whisker::frames::{Base, World};
@@ -38,7 +38,19 @@ pub(crate) struct SpatialEstimator {
     row: &'static SpatialEstimatorRow,
     config: Value,
     knowledge: Arc<Knowledge>,
-    running: Mutex<estimators::Estimator>,
+    running: Mutex<Running>,
+}
+
+/// The estimator with the last pose and time of `update`.
+struct Running {
+    estimator: estimators::Estimator,
+    last: Option<(Pose<Base, World>, f64)>,
+}
+
+impl From<estimators::Estimator> for Running {
+    fn from(estimator: estimators::Estimator) -> Self {
+        Self { estimator, last: None }
+    }
 }
 
 impl SpatialEstimator {
@@ -46,6 +58,18 @@ impl SpatialEstimator {
         let built = row.build(config, TouchConfig::default(), knowledge);
         built.with_context(|| format!("settings of `{}`", row.name)).map_err(raised)
     }
+
+    fn running(&self) -> MutexGuard<'_, Running> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Both moments, if they are finite.
+fn finite(reading_n_m: [f64; 2]) -> PyResult<Vector2<f64>> {
+    if !reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()) {
+        return Err(refused("reading_n_m", format!("{reading_n_m:?}"), "finite numbers"));
+    }
+    Ok(Vector2::from(reading_n_m))
 }
 
 #[pymethods]
@@ -64,7 +88,7 @@ impl SpatialEstimator {
         let row = registered(name).map_err(raised)?;
         let config = settings_over(name, row.defaults(), settings)?;
         let knowledge = Arc::new(Knowledge { calibrated: calibration.calibrated.clone(), noise_sd_n_m, rate_hz });
-        let running = Mutex::new(Self::start(row, &config, &knowledge)?);
+        let running = Mutex::new(Self::start(row, &config, &knowledge)?.into());
         Ok(Self { row, config, knowledge, running })
     }
 
@@ -87,11 +111,29 @@ impl SpatialEstimator {
     /// y, z. Returns `None` while the whisker is free or the method has no estimate.
     fn step(&self, motion: [f64; 7], dt_s: f64, reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
         check_dt(dt_s)?;
-        if !reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()) {
-            return Err(refused("reading_n_m", format!("{reading_n_m:?}"), "finite numbers"));
+        let reading_n_m = finite(reading_n_m)?;
+        let sample = Sample { motion: pose("motion", motion)?, dt_s, reading_n_m };
+        let estimate = self.running().estimator.step(&sample);
+        Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
+    }
+
+    /// Takes one sample given by the time (s), the pose of the base in World (x, y, z in m and a unit quaternion w, x, y, z) and the
+    /// bending moments about y and z of Base (N m).
+    ///
+    /// The times must ascend. An estimator takes its samples either by `step` or by `update`.
+    fn update(&self, t_s: f64, base: [f64; 7], reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
+        let mut running = self.running();
+        let last_s = running.last.map(|(_, last_s)| last_s);
+        if !t_s.is_finite() || last_s.is_some_and(|last_s| t_s <= last_s) {
+            let expected = last_s.map_or("a finite number".into(), |last_s| format!("more than the last, {last_s}"));
+            return Err(refused("t_s", t_s, &expected));
         }
-        let sample = Sample { motion: pose("motion", motion)?, dt_s, reading_n_m: Vector2::from(reading_n_m) };
-        let estimate = self.running.lock().unwrap_or_else(PoisonError::into_inner).step(&sample);
+        let (base, reading_n_m) = (pose("base", base)?, finite(reading_n_m)?);
+        let (motion, dt_s) = match running.last.replace((base, t_s)) {
+            Some((before, before_s)) => (before.then(&base.inverse()), t_s - before_s),
+            None => (Pose::identity(), 0.0),
+        };
+        let estimate = running.estimator.step(&Sample { motion, dt_s, reading_n_m });
         Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
     }
 
@@ -126,7 +168,7 @@ impl SpatialEstimator {
     /// Resets the estimator: discards all samples.
     fn reset(&self) -> PyResult<()> {
         let fresh = Self::start(self.row, &self.config, &self.knowledge)?;
-        *self.running.lock().unwrap_or_else(PoisonError::into_inner) = fresh;
+        *self.running() = fresh.into();
         Ok(())
     }
 
@@ -179,10 +221,29 @@ impl SpatialEstimate {
         self.estimate.direction.map(|direction| direction.sd_rad)
     }
 
+    /// Radius of a sphere, or of a rod across its axis (m). `None` if the method does not estimate it.
+    #[getter]
+    fn radius_m(&self) -> Option<f64> {
+        self.estimate.radius.map(|radius| radius.radius_m)
+    }
+
+    /// Standard deviation of `radius_m` (m).
+    #[getter]
+    fn radius_sd_m(&self) -> Option<f64> {
+        self.estimate.radius.map(|radius| radius.sd_m)
+    }
+
     /// Whether the contact lies in the calibrated domain of the sensor model.
     #[getter]
     fn calibrated(&self) -> bool {
         self.estimate.calibrated
+    }
+
+    /// Whether the readings contradict the models of the method, so that the covariance may be too small. `None` if the method does
+    /// not judge them.
+    #[getter]
+    fn model_doubtful(&self) -> Option<bool> {
+        self.estimate.model_doubtful
     }
 
     fn __repr__(&self) -> String {

@@ -1,7 +1,7 @@
 //! The class `SpatialReplay`.
 
 use ::whisker::frames::{Base, World};
-use ::whisker::space::estimators::Estimate;
+use ::whisker::space::estimators::{Estimate, Radius};
 use ::whisker::space::frames::Pose;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -22,6 +22,11 @@ impl SpatialReplay {
     fn map<T>(&self, value: impl Fn(&Pose<Base, World>, &Estimate) -> T) -> impl ExactSizeIterator<Item = Option<T>> {
         let rows = self.bases.iter().zip(&self.estimates);
         rows.map(move |(base, estimate)| estimate.as_ref().map(|estimate| value(base, estimate)))
+    }
+
+    /// Radius of each estimate.
+    fn radii(&self) -> impl ExactSizeIterator<Item = Option<Radius>> {
+        self.estimates.iter().map(|estimate| estimate.and_then(|estimate| estimate.radius))
     }
 }
 
@@ -67,6 +72,25 @@ impl SpatialReplay {
     #[getter]
     fn normal_world<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         vectors(py, self.map(|base, estimate| base.turn_vector(estimate.normal)))
+    }
+
+    /// Radii (n) of a sphere, or of a rod across its axis, in m. NaN also where the method does not estimate it.
+    #[getter]
+    fn radius_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        column(py, self.radii().map(|radius| radius.map(|radius| radius.radius_m)))
+    }
+
+    /// Standard deviations (n) of `radius_m`, in m.
+    #[getter]
+    fn radius_sd_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        column(py, self.radii().map(|radius| radius.map(|radius| radius.sd_m)))
+    }
+
+    /// Whether the readings contradict the models of the method (n), see `SpatialEstimate.model_doubtful`.
+    #[getter]
+    fn model_doubtful<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        let is_doubtful = |estimate: &Option<Estimate>| estimate.is_some_and(|one| one.model_doubtful == Some(true));
+        flags(py, self.estimates.iter().map(is_doubtful))
     }
 
     fn __len__(&self) -> usize {

@@ -8,12 +8,16 @@ use std::path::{Path, PathBuf};
 
 use files::Error;
 use nalgebra::{Vector2, Vector3};
+use whisker::Whisker;
+use whisker::elastica::Elastica;
+use whisker::frames::{Base, Point, Pose, World};
 
 use super::{
     Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table,
     Test, attempt, folders, lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
+use crate::registration::{Mounted, pieces};
 
 /// Published mesh of an object, by a word of its name, and the direction of its z on the stage.
 const FIXTURES: [(&str, &str, f64); 6] = [
@@ -63,6 +67,38 @@ pub struct SpatialCalibration {
     pub lines: Vec<Vec<usize>>,
     /// Point about which the root of the wire rotates, by the planar registration (m), 3x1.
     pub root_m: Vector3<f64>,
+    /// The wire of the planar registration.
+    pub wire: Wire,
+}
+
+/// The wire of a planar registration, without an end: where its tip is, the registration does not tell.
+#[derive(Clone, Debug)]
+pub struct Wire {
+    elastica: Elastica,
+    to_base: Pose<World, Base>,
+}
+
+impl Wire {
+    /// Length of the wire, beyond the tip of any of these whiskers.
+    const LENGTH_M: f64 = 0.08;
+
+    /// `None` if the wire has no elastica.
+    fn new(mounted: &Mounted) -> Option<Self> {
+        let [straight, arc, ..] = mounted.whisker.curvature[..] else { return None };
+        let [first, second] = pieces(straight.length_m, Self::LENGTH_M, arc.curvature_per_m)[..] else { return None };
+        // In two parts, because the rotation of a piece is limited.
+        let half = whisker::Curvature { length_m: 0.5 * second.length_m, ..second };
+        let whisker =
+            Whisker { length_m: Self::LENGTH_M, curvature: vec![first, half, half], ..mounted.whisker.clone() };
+        Some(Self { elastica: Elastica::new(&whisker).ok()?, to_base: mounted.base.inverse() })
+    }
+
+    /// Arc length of a contact on the wire that it deflects (m). The contact, in the frame of the resting sensor, is projected
+    /// onto the whisker's plane. `None` if no wire reaches it.
+    pub fn arc_m(&self, contact_m: &Vector3<f64>) -> Option<f64> {
+        let contact = self.to_base.apply(Point::new(contact_m.x, contact_m.y));
+        self.elastica.at_point(contact).ok().map(|found| found.load.arc_m)
+    }
 }
 
 /// A pin trial.
@@ -155,9 +191,12 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
         ));
     }
     let lines = lines(&table.rows);
-    let root = Calibrated::read(sensor, path)?.registration.mounted.base.origin();
+    let mounted = Calibrated::read(sensor, path)?.registration.mounted;
+    let root = mounted.base.origin();
     let root_m = Vector3::new(root.x(), root.y(), 0.0);
-    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m })
+    let wire = Wire::new(&mounted)
+        .ok_or_else(|| Error::value(path, "rows", "none", "contacts that determine the shape of the wire"))?;
+    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m, wire })
 }
 
 /// Reads a test, unless its name is that of no test.

@@ -36,7 +36,7 @@ impl Column {
     }
 }
 
-const COLUMNS: [Column; 13] = [
+const COLUMNS: [Column; 14] = [
     Column {
         heading: "RMSE",
         unit: "mm",
@@ -141,7 +141,20 @@ const COLUMNS: [Column; 13] = [
         decimals: 3,
         is_ranked: true,
     },
+    Column {
+        heading: "doubted",
+        unit: "%",
+        meaning: "share of the estimates, from the touch on, at which the readings contradict the models of the method; a dash for \
+            methods that do not judge them",
+        value: |row| row.doubted.map(|value| 100.0 * value),
+        decimals: 1,
+        is_ranked: false,
+    },
 ];
+
+/// Definition of the verdict.
+const VERDICT: &str = "whether the stated covariances agree with the errors, by normalised squared error and coverage over trials and \
+    scored instants, with intervals for as many samples as are independent";
 
 /// The whole page.
 ///
@@ -183,6 +196,7 @@ fn summary(data: &Data) -> Markup {
                             th.number title=(meaning) { (heading) br; small { (unit) } }
                         }
                         th.number { "trials" }
+                        th title=(VERDICT) { "verdict" }
                     }
                 }
                 @for group in data.groups() {
@@ -195,6 +209,7 @@ fn summary(data: &Data) -> Markup {
         dl.meanings {
             @for column in &COLUMNS { dt { (column.heading) } dd { (column.meaning) } }
             dt { "trials" } dd { "number of trials, each counted once for every noise seed" }
+            dt { "verdict" } dd { (VERDICT) }
         }
     }
 }
@@ -218,6 +233,7 @@ fn block(rows: &[&SpatialSummaryRow]) -> Markup {
                     }
                 }
                 td.number { (row.trials) }
+                td { (row.verdict.as_deref().unwrap_or("–")) }
             }
         }
     }

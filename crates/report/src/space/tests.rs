@@ -93,6 +93,11 @@ fn write_run(folder: &Path) {
         radius_coverage: Some(1.0),
         edge_m: Some(1e-4),
         corner_m: None,
+        nees_mean: Some(2.5),
+        nees_samples: Some(4.0),
+        contact_s: 1.5,
+        doubted: Some(0.25),
+        doubt_time_s: Some(0.5),
     };
     let summary = |estimator: &str| SpatialSummaryRow {
         group: "<edge>".into(),
@@ -116,6 +121,9 @@ fn write_run(folder: &Path) {
         radius_coverage: Some(1.0),
         edge_m: Some(1e-4),
         corner_m: None,
+        nees_mean: Some(0.8),
+        verdict: Some("consistent".into()),
+        doubted: Some(0.25),
     };
     files::write_json(&folder.join("space_run.json"), &run).expect("written");
     let write =

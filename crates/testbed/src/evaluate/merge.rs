@@ -16,7 +16,7 @@ use super::contours::{ContourScores, contour_score};
 use super::plan::Plan;
 use super::shards::{EstimatorResult, Shards, TrialResults};
 use super::tables;
-use crate::consistency::{Average, ErrorConsistency, NIS_FREEDOM, TrialErrors};
+use crate::consistency::{Average, ErrorConsistency, NEES_FREEDOM, NIS_FREEDOM, TrialErrors};
 use crate::metrics::consistency::NIS;
 use crate::metrics::error::RMSE;
 use crate::metrics::{METRICS, Metric, Scores};
@@ -162,7 +162,7 @@ fn write_summary(shards: &InOrder<'_>, sets: &Sets, folder: &Path) -> anyhow::Re
                 keep((set, 0), TrialErrors::of(&result.row));
             }
         },
-        |_, errors| ErrorConsistency::of_trials(&errors.into_iter().flatten().collect::<Vec<_>>()),
+        |_, errors| ErrorConsistency::of_trials(NEES_FREEDOM, &errors.into_iter().flatten().collect::<Vec<_>>()),
     )?;
     let of_sets = sets.sets.iter().zip(scores.chunks(METRICS.len())).zip(by_errors);
     let summary: Vec<SummaryRow> =

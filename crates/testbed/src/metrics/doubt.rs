@@ -8,7 +8,7 @@ pub const DOUBTED: Metric = Metric {
     name: "doubted",
     about: "fraction of the estimates at which the readings contradict the models that the estimator averages",
     summary: Summary::Mean,
-    measure: |scored| mean(signals(scored).map(|(_, is_doubtful)| f64::from(is_doubtful))),
+    measure: |scored| doubted(signals(scored)),
 };
 
 /// Time until the signal.
@@ -17,7 +17,7 @@ pub const DOUBT_TIME: Metric = Metric {
     about: "time from the touch until the readings first contradict the models that the estimator averages; mean over \
         the trials in which they do",
     summary: Summary::Mean,
-    measure: |scored| signals(scored).find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s),
+    measure: |scored| doubt_time_s(signals(scored)),
 };
 
 /// Number of alarms.
@@ -47,4 +47,14 @@ fn signals(scored: &Scored<'_>) -> impl Iterator<Item = (f64, bool)> {
         let estimate = scored.estimates[contact.row].as_ref()?;
         estimate.models.map(|_| (contact.t_contact_s, estimate.model_doubtful))
     })
+}
+
+/// Share of the signals that are raised; each is a time since the touch, and whether it is.
+pub(crate) fn doubted(signals: impl Iterator<Item = (f64, bool)>) -> Option<f64> {
+    mean(signals.map(|(_, is_doubtful)| f64::from(is_doubtful)))
+}
+
+/// Time since the touch of the first signal that is raised.
+pub(crate) fn doubt_time_s(mut signals: impl Iterator<Item = (f64, bool)>) -> Option<f64> {
+    signals.find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s)
 }

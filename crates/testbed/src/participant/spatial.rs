@@ -216,28 +216,101 @@ fn quaternion<From, To>(pose: &Pose<From, To>) -> UnitQuaternion<f64> {
     if turn.w < 0.0 { UnitQuaternion::new_unchecked(-turn.into_inner()) } else { turn }
 }
 
-/// Answer to a row; `null` stands for no estimate.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct AnswerLine {
-    contact_x_m: f64,
-    contact_y_m: f64,
-    contact_z_m: f64,
-    cov_xx_m2: f64,
-    cov_xy_m2: f64,
-    cov_xz_m2: f64,
-    cov_yy_m2: f64,
-    cov_yz_m2: f64,
-    cov_zz_m2: f64,
-    normal_x: Option<f64>,
-    normal_y: Option<f64>,
-    normal_z: Option<f64>,
-    direction_x: Option<f64>,
-    direction_y: Option<f64>,
-    direction_z: Option<f64>,
-    direction_sd_rad: Option<f64>,
-    radius_m: Option<f64>,
-    radius_sd_m: Option<f64>,
+/// Answer to a row in space, or to both readings of an instant of a live stream. A program must state a contact with its covariance;
+/// `null` stands for no estimate.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpatialAnswerLine {
+    /// Name of the whisker, in the answers of a live stream with several whiskers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Time of the reading, in the answers of a live stream.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub t_s: Option<f64>,
+    /// Fate of the reading, in the answers of a live stream.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub status: Option<String>,
+    /// Position of the base at the time of the reading, x, in the answers of a live stream.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_x_m: Option<f64>,
+    /// The same, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_y_m: Option<f64>,
+    /// The same, z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_z_m: Option<f64>,
+    /// Rotation from Base to its frame at rest as a unit quaternion, scalar part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_qw: Option<f64>,
+    /// Its part along x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_qx: Option<f64>,
+    /// Its part along y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_qy: Option<f64>,
+    /// Its part along z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_qz: Option<f64>,
+    /// Contact on the centre line in Base, x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_x_m: Option<f64>,
+    /// The same, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_y_m: Option<f64>,
+    /// The same, z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_z_m: Option<f64>,
+    /// Posterior variance of the contact along x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_xx_m2: Option<f64>,
+    /// Its covariance between x and y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_xy_m2: Option<f64>,
+    /// Its covariance between x and z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_xz_m2: Option<f64>,
+    /// Its variance along y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_yy_m2: Option<f64>,
+    /// Its covariance between y and z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_yz_m2: Option<f64>,
+    /// Its variance along z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_zz_m2: Option<f64>,
+    /// Unit normal of the touched surface in Base, out of the object, x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub normal_x: Option<f64>,
+    /// The same, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub normal_y: Option<f64>,
+    /// The same, z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub normal_z: Option<f64>,
+    /// Unit vector along a rod or an edge in Base, x.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_x: Option<f64>,
+    /// The same, y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_y: Option<f64>,
+    /// The same, z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_z: Option<f64>,
+    /// Standard deviation of its angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_sd_rad: Option<f64>,
+    /// Radius of a sphere, or of a rod across its axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_m: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_sd_m: Option<f64>,
+    /// Whether the contact lies in the calibrated domain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<bool>,
+    /// Whether the readings contradict the models of the estimator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_doubtful: Option<bool>,
 }
 
 /// Expected form of an answer.
@@ -245,15 +318,63 @@ const EXPECTED: &str = "null or contact_x_m, contact_y_m, contact_z_m, cov_xx_m2
                         cov_zz_m2, and optionally normal_x, normal_y and normal_z; direction_x, direction_y, direction_z and \
                         direction_sd_rad; or radius_m and radius_sd_m";
 
-impl AnswerLine {
+impl SpatialAnswerLine {
+    /// Answer with an estimate. Without one, all keys are missing.
+    pub fn new(estimate: Option<&Estimate>) -> Self {
+        let Some(estimate) = estimate else { return Self::default() };
+        let (contact_m, covariance, normal) = (estimate.contact.vector(), estimate.covariance_m2, estimate.normal);
+        let along = estimate.direction.map(|direction| direction.along);
+        Self {
+            contact_x_m: Some(contact_m.x),
+            contact_y_m: Some(contact_m.y),
+            contact_z_m: Some(contact_m.z),
+            cov_xx_m2: Some(covariance.m11),
+            cov_xy_m2: Some(covariance.m12),
+            cov_xz_m2: Some(covariance.m13),
+            cov_yy_m2: Some(covariance.m22),
+            cov_yz_m2: Some(covariance.m23),
+            cov_zz_m2: Some(covariance.m33),
+            normal_x: Some(normal.x),
+            normal_y: Some(normal.y),
+            normal_z: Some(normal.z),
+            direction_x: along.map(|along| along.x),
+            direction_y: along.map(|along| along.y),
+            direction_z: along.map(|along| along.z),
+            direction_sd_rad: estimate.direction.map(|direction| direction.sd_rad),
+            radius_m: estimate.radius.map(|radius| radius.radius_m),
+            radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
+            calibrated: Some(estimate.calibrated),
+            model_doubtful: estimate.model_doubtful,
+            ..Self::default()
+        }
+    }
+
     /// Estimate, or the expected form.
     fn estimate(&self, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
-        let contact_m = Vector3::new(self.contact_x_m, self.contact_y_m, self.contact_z_m);
+        let required = [
+            ("contact_x_m", self.contact_x_m),
+            ("contact_y_m", self.contact_y_m),
+            ("contact_z_m", self.contact_z_m),
+            ("cov_xx_m2", self.cov_xx_m2),
+            ("cov_xy_m2", self.cov_xy_m2),
+            ("cov_xz_m2", self.cov_xz_m2),
+            ("cov_yy_m2", self.cov_yy_m2),
+            ("cov_yz_m2", self.cov_yz_m2),
+            ("cov_zz_m2", self.cov_zz_m2),
+        ];
+        // A live stream answers every reading, those without an estimate too.
+        if self.status.is_some() && required.iter().all(|(_, value)| value.is_none()) {
+            return Ok(None);
+        }
+        let mut values = [0.0; 9];
+        for (value, (name, stated)) in values.iter_mut().zip(required) {
+            *value = stated.ok_or_else(|| format!("{EXPECTED} (missing field `{name}`)"))?;
+        }
+        let [x_m, y_m, z_m, xx, xy, xz, yy, yz, zz] = values;
+        let contact_m = Vector3::new(x_m, y_m, z_m);
         if contact_m.amax() > FARTHEST_M {
             return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));
         }
-        let (xx, xy, xz) = (self.cov_xx_m2, self.cov_xy_m2, self.cov_xz_m2);
-        let (yy, yz, zz) = (self.cov_yy_m2, self.cov_yz_m2, self.cov_zz_m2);
         let covariance_m2 = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
         if covariance_m2.amax() > FARTHEST_M * FARTHEST_M || covariance_m2.cholesky().is_none() {
             return Err("a positive definite covariance in m2, in the base's frame".into());
@@ -283,6 +404,7 @@ impl AnswerLine {
             radius,
             calibrated: calibrated.domain.contains(at),
             innovation: None,
+            model_doubtful: self.model_doubtful,
         }))
     }
 }
@@ -327,7 +449,8 @@ impl Program {
             touched = detector.step(sample).map_or(touched, |(_, touches)| touches);
             Row::new(t_s, &base, sample, touched)
         });
-        let parse = |_: usize, line: &str| answer(line, EXPECTED, |answer: AnswerLine| answer.estimate(knowledge));
+        let parse =
+            |_: usize, line: &str| answer(line, EXPECTED, |answer: SpatialAnswerLine| answer.estimate(knowledge));
         let Conversation { estimates, answers_us, failure } =
             self.converse(&Prior::new(knowledge, self.seed(seed, trace)), rows, parse)?;
         let timed = estimates.iter().zip(answers_us).filter(|(estimate, _)| estimate.is_some());

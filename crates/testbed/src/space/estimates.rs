@@ -72,6 +72,8 @@ pub struct SpatialEstimateRow {
     pub direction_sd_rad: Option<f64>,
     /// Whether the estimated contact lies in the calibrated domain of the sensor model.
     pub calibrated: Option<bool>,
+    /// Whether the readings contradict the models of the estimator.
+    pub model_doubtful: Option<bool>,
     /// True contact, x.
     pub truth_contact_x_m: Option<f64>,
     /// True contact, y.
@@ -185,6 +187,7 @@ pub fn spatial_estimate_row(
         direction_z: along.map(|of| of.z),
         direction_sd_rad: direction.map(|of| of.sd_rad),
         calibrated: estimate.map(|estimate| estimate.calibrated),
+        model_doubtful: estimate.and_then(|estimate| estimate.model_doubtful),
         truth_contact_x_m: truth.map(|of| of.contact.x),
         truth_contact_y_m: truth.map(|of| of.contact.y),
         truth_contact_z_m: truth.map(|of| of.contact.z),

@@ -22,7 +22,9 @@ use super::rod::TrueRod;
 use super::run::estimates_file;
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
+use crate::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
 use crate::dataset::Dataset;
+use crate::metrics::doubt;
 use crate::participant::{Program, SpatialTask};
 use crate::results::{FailureRow, write_rows};
 use crate::statistics;
@@ -102,6 +104,17 @@ pub struct SpatialTrialRow {
     pub edge_m: Option<f64>,
     /// The same of the touched corner of a box.
     pub corner_m: Option<f64>,
+    /// Mean normalised squared error over the scored instants, which has three degrees of freedom.
+    pub nees_mean: Option<f64>,
+    /// Number of independent samples of that error, by its autocorrelation.
+    pub nees_samples: Option<f64>,
+    /// Time of contact with an estimate, from the touch on.
+    pub contact_s: f64,
+    /// Share of the estimates, from the touch on, at which the readings contradict the models of the method. `None` for methods that
+    /// do not judge them.
+    pub doubted: Option<f64>,
+    /// Time from the touch until the readings first contradict the models. `None` if they never do.
+    pub doubt_time_s: Option<f64>,
 }
 
 /// Scores of the trials of one group with one whisker.
@@ -149,6 +162,12 @@ pub struct SpatialSummaryRow {
     pub edge_m: Option<f64>,
     /// The same from the touched corner.
     pub corner_m: Option<f64>,
+    /// Mean normalised squared error over replays and scored instants, per degree of freedom: 1 if the method is consistent.
+    pub nees_mean: Option<f64>,
+    /// Verdict on the method by its errors, see [`crate::consistency`]. `None` without an estimate.
+    pub verdict: Option<String>,
+    /// Mean over the replays of the share of estimates at which the readings contradict the models.
+    pub doubted: Option<f64>,
 }
 
 /// Wall-clock times of the steps of an estimator with an estimate, in all replays: a row of `space_times.csv`.
@@ -313,6 +332,7 @@ struct Sums {
     /// Distances from the touched edges and corners, and their numbers.
     edge: (f64, usize),
     corner: (f64, usize),
+    nees: Vec<f64>,
     last_nees: Option<f64>,
     last_radius: Option<Radius>,
 }
@@ -356,6 +376,13 @@ impl Prepared {
         let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
         let of_feature = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64);
         let sidecar = &self.trace.sidecar;
+        let signals = || {
+            let rows = self.bound.iter().zip(&replayed.estimates);
+            rows.filter_map(|(bound, estimate)| {
+                Some((bound.as_ref()?.since_touch_s, estimate.as_ref()?.model_doubtful?))
+            })
+        };
+        let stated = self.bound.iter().zip(&replayed.estimates).filter(|(bound, of)| bound.is_some() && of.is_some());
         let scores = SpatialTrialRow {
             trace: sidecar.name.clone(),
             group: sidecar.group.clone(),
@@ -380,6 +407,11 @@ impl Prepared {
             }),
             edge_m: of_feature(sums.edge),
             corner_m: of_feature(sums.corner),
+            nees_mean: statistics::mean(sums.nees.iter().copied()),
+            nees_samples: statistics::effective_samples(&sums.nees, SPATIAL_NEES_FREEDOM as f64),
+            contact_s: stated.count() as f64 / sidecar.rate_hz,
+            doubted: doubt::doubted(signals()),
+            doubt_time_s: doubt::doubt_time_s(signals()),
         };
         let failed = |reason| FailureRow { trace: trace.clone(), estimator: Some(name.into()), noise, seed, reason };
         Ok(Scored { trial: scores, steps_us: replayed.steps_us, failure: replayed.failure.map(failed) })
@@ -401,6 +433,7 @@ impl Prepared {
             sums.rods += 1;
         }
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
+        sums.nees.extend(nees);
         sums.last_nees = nees;
         if let Some(solid) = &self.solid {
             let surface = to_base.inverse().apply(self.calibrated.surface(estimate.contact, estimate.normal)).vector();
@@ -438,6 +471,8 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
         let nees: Vec<f64> = trials.iter().filter_map(|trial| trial.nees).collect();
         let degrees = 3.0 * nees.len().max(1) as f64;
         let chi_squared = ChiSquared::new(degrees)?;
+        let errors: Vec<TrialErrors> = trials.iter().filter_map(|trial| errors(trial)).collect();
+        let by_errors = ErrorConsistency::of_trials(SPATIAL_NEES_FREEDOM, &errors);
         let [nees_low, nees_high] = [0.025, 0.975].map(|p| chi_squared.inverse_cdf(p) / degrees);
         Ok(SpatialSummaryRow {
             group: group.into(),
@@ -461,7 +496,20 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             radius_coverage: mean(|trial| trial.radius_coverage),
             edge_m: mean(|trial| trial.edge_m),
             corner_m: mean(|trial| trial.corner_m),
+            nees_mean: by_errors.map(|by_errors| by_errors.nees.value / SPATIAL_NEES_FREEDOM as f64),
+            verdict: by_errors.map(|by_errors| by_errors.sentence()),
+            doubted: mean(|trial| trial.doubted),
         })
     });
     rows.collect()
+}
+
+/// Errors of a replay relative to the stated covariances. `None` without an estimate.
+fn errors(trial: &SpatialTrialRow) -> Option<TrialErrors> {
+    Some(TrialErrors {
+        trace: trial.trace.clone(),
+        nees: trial.nees_mean?,
+        coverage: trial.coverage?,
+        samples: trial.nees_samples?,
+    })
 }

@@ -186,7 +186,7 @@ impl SpatialMap {
 }
 
 /// Colour of a standard deviation: red, green, blue.
-fn colour(sd_m: f64) -> [u8; 3] {
+pub(super) fn colour(sd_m: f64) -> [u8; 3] {
     let [least, most] = COLOUR_ENDS_M;
     let share = ((sd_m / least).ln() / (most / least).ln()).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
     let step = (share.floor() as usize).min(COLOURS.len() - 2);

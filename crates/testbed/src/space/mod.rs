@@ -4,6 +4,7 @@ pub mod bound;
 mod estimates;
 pub mod evaluate;
 pub mod fit;
+mod glb;
 pub mod map;
 mod participant;
 mod readings;

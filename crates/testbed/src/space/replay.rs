@@ -7,8 +7,9 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use nalgebra::Vector2;
 use serde_json::Value;
-use trace::{SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use trace::{SpatialCalibrationFile, SpatialPose, SpatialSidecar, SpatialTrace};
 use whisker::events::TouchConfig;
+use whisker::frames::{Base, World};
 use whisker::space::estimators::{
     Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow, spatial_estimator,
 };
@@ -42,17 +43,28 @@ pub fn calibrated(path: &Path, sidecar: &SpatialSidecar) -> anyhow::Result<Arc<C
 
 /// Samples of a robot: base motions from the recorded poses, and readings.
 pub fn samples(trace: &SpatialTrace, readings_n_m: &[Vector2<f64>]) -> Vec<Sample> {
-    let mut last = None;
+    let mut steps = SpatialSteps::default();
     let rows = trace.recording.instants.iter().zip(readings_n_m);
-    rows.map(|(now, &reading_n_m)| {
-        let to_base = to_base(&now.base);
-        let (motion, dt_s) = match last.replace((to_base, now.t_s)) {
-            Some((before, t_s)) => (before.inverse().then(&to_base), now.t_s - t_s),
+    rows.map(|(now, &reading_n_m)| steps.sample(now.t_s, &now.base, reading_n_m)).collect()
+}
+
+/// Converts poses and readings to samples one by one, in order of time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SpatialSteps {
+    /// Pose of World in the frame of the base at the last instant, and its time.
+    last: Option<(Pose<World, Base>, f64)>,
+}
+
+impl SpatialSteps {
+    /// Sample of the next instant with this pose of the base and this reading.
+    pub fn sample(&mut self, t_s: f64, base: &SpatialPose, reading_n_m: Vector2<f64>) -> Sample {
+        let to_base = to_base(base);
+        let (motion, dt_s) = match self.last.replace((to_base, t_s)) {
+            Some((before, before_s)) => (before.inverse().then(&to_base), t_s - before_s),
             None => (Pose::identity(), 0.0),
         };
         Sample { motion, dt_s, reading_n_m }
-    })
-    .collect()
+    }
 }
 
 /// Result of a replay.

@@ -231,6 +231,7 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
             let traces = trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+");
             let file = |kind: &str| maps.join(format!("{traces}.{estimator}.{kind}"));
             write_atomically(&file("ply"), map.to_ply().as_bytes())?;
+            write_atomically(&file("glb"), &map.to_glb())?;
             write_atomically(&file("voxels.csv"), &csv_bytes(&map.voxels)?)?;
             let distances = Solid::of_scene(description).map(|solid| map.distances_m(&solid)).unwrap_or_default();
             Ok(SpatialMapRow {

@@ -6,6 +6,7 @@
 mod calibration;
 mod certificate;
 mod columns;
+mod lifted;
 mod sidecar;
 mod table;
 

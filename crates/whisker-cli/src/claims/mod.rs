@@ -18,6 +18,7 @@ mod real;
 mod sensor_model;
 mod space;
 mod space_random;
+mod space_recordings;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -133,7 +134,12 @@ pub const SETS: &[ClaimSet] = &[
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
     ClaimSet { name: "certainty", topics: &[certainty::claims, friction::claims], runs: certainty::RUNS, figures: &[] },
-    ClaimSet { name: "space", topics: &[space::claims, space_random::claims], runs: &[], figures: &[] },
+    ClaimSet {
+        name: "space",
+        topics: &[space::claims, space_recordings::claims, space_random::claims],
+        runs: &[],
+        figures: &[],
+    },
 ];
 
 impl ClaimSet {

@@ -1,13 +1,9 @@
-//! Contacts in space: the suite of scenes in space, and recordings of real sensors in space (`docs/REAL.md`).
+//! Contacts in space: the suite of scenes in space.
 
-use std::path::PathBuf;
-
-use recorded::benchmark::{PinSummary, SweepScore};
-use testbed::results::read_rows;
 use testbed::space::SpatialRun;
 use testbed::space::evaluate::SpatialSummaryRow;
 
-use super::{Claim, Context, RECOMMENDED, WHISKERS, real, worst};
+use super::{Claim, Context, RECOMMENDED, Relation, WHISKERS};
 
 /// Run of the suite.
 const RUN: &str = "spatial";
@@ -18,105 +14,207 @@ const GROUPS: [&str; 8] = ["pins", "edges", "box", "mesh", "cylinders", "cone", 
 /// Groups with a radius.
 const ROUND: [&str; 3] = ["cylinders", "sphere_20", "sphere_60"];
 
-/// Tables of the recordings in space.
-const PINS: &str = "space_pins_summary.csv";
-const SWEEPS: &str = "space_sweeps.csv";
+/// Groups with a curved surface.
+const CURVED: [&str; 4] = ["cylinders", "cone", "sphere_20", "sphere_60"];
 
-/// Estimator of the pins of the recordings.
-const BATCH: &str = "fixed-point-batch";
-
-/// Groups of these pins, and the bound on their mean error (mm). Trials on another day than that of the calibration have an unknown
-/// shift of the sensor.
-const REAL_PINS: [(&str, &str, f64); 6] = [
-    ("curved_first", "left-out lines, curved_calib_May_22", 0.5),
-    ("curved_second", "left-out lines, curved_calib_May_22_try2", 0.5),
-    ("sensor_1", "left-out lines, sensor1_tip_calib_May_04", 0.5),
-    ("straight", "left-out lines, straight_calib_May_20", 0.5),
-    ("same_day", "pins, tip_test_05_22_23_try2", 0.3),
-    ("mounting_learnt", "pins, tip_test_05_24_23, mounting learnt", 0.3),
-];
-
-/// Objects of the sweeps; their names begin with `reference_`.
-const REAL_OBJECTS: [&str; 7] = ["double_square", "surface", "cylinder", "cylinder_sandpaper", "cone", "step", "star"];
-
-pub(super) fn claims() -> Vec<Claim> {
-    let suite =
-        WHISKERS.into_iter().flat_map(|whisker| GROUPS.into_iter().flat_map(move |group| of_group(group, whisker)));
-    let recordings = real_pins().into_iter().chain(real_sweeps());
-    suite.chain(times()).chain(recordings.map(|claim| claim.if_there_are(has_recordings))).collect()
+/// A score of `recommended` on every trial of some groups.
+struct Score {
+    /// Groups, of [`GROUPS`].
+    groups: &'static [&'static str],
+    /// Short name, unique.
+    id: &'static str,
+    /// The score in words.
+    what: &'static str,
+    relation: Relation,
+    bound: f64,
+    unit: &'static str,
+    /// The score in this unit.
+    of: fn(&SpatialSummaryRow) -> Option<f64>,
 }
 
-/// A score of `recommended` on one group with one whisker.
-fn score(
-    group: &'static str,
-    whisker: &'static str,
-    of: fn(&SpatialSummaryRow) -> Option<f64>,
-) -> impl Fn(&Context) -> anyhow::Result<Option<f64>> {
-    move |context| {
+const NORMAL: &str = "root mean square angle between estimated and true normal";
+const COVERAGE: &str = "share of the instants at which the 95 % ellipsoid contains the true contact";
+
+const SCORES: &[Score] = &[
+    Score {
+        groups: &["pins"],
+        id: "rmse_over_bound",
+        what: "RMSE over the posterior Cramer-Rao bound with known sliding",
+        relation: Relation::AtMost,
+        bound: 1.3,
+        unit: "",
+        of: |row| Some(row.rmse_m? / row.bound_m?),
+    },
+    Score {
+        groups: &["pins"],
+        id: "rmse_over_rod_bound",
+        what: "RMSE over the posterior Cramer-Rao bound of an unknown rod",
+        relation: Relation::AtMost,
+        bound: 1.3,
+        unit: "",
+        of: |row| Some(row.rmse_m? / row.rod_bound_m?),
+    },
+    Score {
+        groups: &["pins"],
+        id: "out_of_plane",
+        what: "RMSE out of the plane of wire and force",
+        relation: Relation::AtMost,
+        bound: 0.02,
+        unit: "mm",
+        of: |row| millimetres(row.out_of_plane_m),
+    },
+    Score {
+        groups: &CURVED,
+        id: "rmse",
+        what: "RMSE of the contact",
+        relation: Relation::AtMost,
+        bound: 0.4,
+        unit: "mm",
+        of: |row| millimetres(row.rmse_m),
+    },
+    Score {
+        groups: &CURVED,
+        id: "surface",
+        what: "mean distance of the estimated points of the surface from the true solid",
+        relation: Relation::AtMost,
+        bound: 0.05,
+        unit: "mm",
+        of: |row| millimetres(row.surface_m),
+    },
+    Score {
+        groups: &GROUPS,
+        id: "normal",
+        what: NORMAL,
+        relation: Relation::AtMost,
+        bound: 2.0,
+        unit: "degrees",
+        of: |row| degrees(row.normal_rad),
+    },
+    Score {
+        groups: &["edges"],
+        id: "direction",
+        what: "root mean square angle between the estimated and the true edge",
+        relation: Relation::AtMost,
+        bound: 1.2,
+        unit: "degrees",
+        of: |row| degrees(row.direction_rad),
+    },
+    Score {
+        groups: &["edges"],
+        id: "direction_bound",
+        what: "posterior Cramer-Rao bound of the angle of the edge, a property of the scenes",
+        relation: Relation::AtMost,
+        bound: 1.2,
+        unit: "degrees",
+        of: |row| degrees(row.direction_bound_rad),
+    },
+    Score {
+        groups: &["edges"],
+        id: "direction_over_bound",
+        what: "angle between the estimated and the true edge, over its posterior Cramer-Rao bound",
+        relation: Relation::AtMost,
+        bound: 1.3,
+        unit: "",
+        of: |row| Some(row.direction_rad? / row.direction_bound_rad?),
+    },
+    Score {
+        groups: &GROUPS,
+        id: "nees_low",
+        what: "NEES of the last estimates over the lower end of the 95 % interval of a consistent method",
+        relation: Relation::AtLeast,
+        bound: 1.0,
+        unit: "",
+        of: |row| Some(row.nees? / row.nees_low),
+    },
+    Score {
+        groups: &GROUPS,
+        id: "nees_high",
+        what: "NEES of the last estimates over the upper end of the 95 % interval of a consistent method",
+        relation: Relation::AtMost,
+        bound: 1.0,
+        unit: "",
+        of: |row| Some(row.nees? / row.nees_high),
+    },
+    Score {
+        groups: &GROUPS,
+        id: "coverage_low",
+        what: COVERAGE,
+        relation: Relation::AtLeast,
+        bound: 88.0,
+        unit: "%",
+        of: |row| percent(row.coverage),
+    },
+    Score {
+        groups: &GROUPS,
+        id: "coverage_high",
+        what: COVERAGE,
+        relation: Relation::AtMost,
+        bound: 98.0,
+        unit: "%",
+        of: |row| percent(row.coverage),
+    },
+    Score {
+        groups: &ROUND,
+        id: "radius",
+        what: "root mean square error of the last radius, relative to the true one",
+        relation: Relation::AtMost,
+        bound: 5.0,
+        unit: "%",
+        of: |row| percent(row.radius_error),
+    },
+    Score {
+        groups: &ROUND,
+        id: "radius_coverage",
+        what: "replays whose 95 % interval of the last radius contains the true one",
+        relation: Relation::AtLeast,
+        bound: 88.0,
+        unit: "%",
+        of: |row| percent(row.radius_coverage),
+    },
+    Score {
+        groups: &["box"],
+        id: "edge",
+        what: "mean distance of the estimated points of the surface from the touched edge",
+        relation: Relation::AtMost,
+        bound: 0.2,
+        unit: "mm",
+        of: |row| millimetres(row.edge_m),
+    },
+    Score {
+        groups: &["box"],
+        id: "corner",
+        what: "mean distance of the estimated points of the surface from the touched corner",
+        relation: Relation::AtMost,
+        bound: 0.2,
+        unit: "mm",
+        of: |row| millimetres(row.corner_m),
+    },
+];
+
+pub(super) fn claims() -> Vec<Claim> {
+    let of_group = |whisker, group| {
+        SCORES.iter().filter(move |score| score.groups.contains(&group)).map(move |score| claim(score, group, whisker))
+    };
+    let of_whisker = |whisker| GROUPS.into_iter().flat_map(move |group| of_group(whisker, group));
+    WHISKERS.into_iter().flat_map(of_whisker).chain([time()]).collect()
+}
+
+fn claim(score: &'static Score, group: &'static str, whisker: &'static str) -> Claim {
+    let about = format!("{group} in space, {whisker} whisker, {RECOMMENDED}: {}", score.what);
+    let measure = move |context: &Context| {
         let summary = SpatialRun::summary(&context.results.join(RUN))?;
         let row =
             summary.iter().find(|row| row.group == group && row.whisker == whisker && row.estimator == RECOMMENDED);
-        Ok(row.and_then(of))
-    }
-}
-
-fn of_group(group: &'static str, whisker: &'static str) -> Vec<Claim> {
-    let id = |what: &str| format!("space_{group}_{whisker}_{what}");
-    let about = |what: &str| format!("{group} in space, {whisker} whisker, {RECOMMENDED}: {what}");
-    let mut claims = vec![
-        Claim::at_most(
-            id("normal"),
-            about("root mean square angle between estimated and true normal"),
-            2.0,
-            "degrees",
-            score(group, whisker, |row| row.normal_rad.map(f64::to_degrees)),
-        ),
-        Claim::at_least(
-            id("coverage_low"),
-            about("share of the instants at which the 95 % ellipsoid contains the true contact"),
-            88.0,
-            "%",
-            score(group, whisker, |row| row.coverage.map(|share| 100.0 * share)),
-        ),
-        Claim::at_most(
-            id("coverage_high"),
-            about("share of the instants at which the 95 % ellipsoid contains the true contact"),
-            98.0,
-            "%",
-            score(group, whisker, |row| row.coverage.map(|share| 100.0 * share)),
-        ),
-    ];
-    if ROUND.contains(&group) {
-        claims.push(Claim::at_most(
-            id("radius"),
-            about("root mean square error of the last radius, relative to the true one"),
-            5.0,
-            "%",
-            score(group, whisker, |row| row.radius_error.map(|error| 100.0 * error)),
-        ));
-        claims.push(Claim::at_least(
-            id("radius_coverage"),
-            about("replays whose 95 % interval of the last radius contains the true one"),
-            88.0,
-            "%",
-            score(group, whisker, |row| row.radius_coverage.map(|share| 100.0 * share)),
-        ));
-    }
-    if group == "box" {
-        claims.push(Claim::at_most(
-            id("edge"),
-            about("mean distance of the estimated points of the surface from the touched edge"),
-            0.2,
-            "mm",
-            score(group, whisker, |row| row.edge_m.map(|distance_m| 1e3 * distance_m)),
-        ));
-    }
-    claims
+        Ok(row.and_then(score.of))
+    };
+    let claim =
+        Claim::at_most(format!("space_{group}_{whisker}_{}", score.id), about, score.bound, score.unit, measure);
+    Claim { relation: score.relation, ..claim }
 }
 
 /// Time of a step on the machine of the run, with its other load.
-fn times() -> Vec<Claim> {
-    vec![Claim::at_most(
+fn time() -> Claim {
+    Claim::at_most(
         format!("space_{RECOMMENDED}_step_p99"),
         format!("{RECOMMENDED} in space: time of a step, 99th percentile"),
         150.0,
@@ -125,83 +223,17 @@ fn times() -> Vec<Claim> {
             let times = SpatialRun::times(&context.results.join(RUN))?;
             Ok(times.iter().find(|row| row.estimator == RECOMMENDED).and_then(|row| row.p99_us))
         },
-    )]
+    )
 }
 
-/// Whether the tables of the recordings in space are there.
-fn has_recordings(context: &Context) -> bool {
-    [PINS, SWEEPS].iter().all(|table| folder(context).join(table).is_file())
+fn millimetres(length_m: Option<f64>) -> Option<f64> {
+    length_m.map(|length_m| 1e3 * length_m)
 }
 
-fn folder(context: &Context) -> PathBuf {
-    context.results.join(real::RUN)
+fn degrees(angle_rad: Option<f64>) -> Option<f64> {
+    angle_rad.map(f64::to_degrees)
 }
 
-fn real_pins() -> Vec<Claim> {
-    let claims = REAL_PINS.into_iter().flat_map(|(name, group, bound_mm)| {
-        let score = move |of: fn(&PinSummary) -> f64| {
-            move |context: &Context| {
-                let rows: Vec<PinSummary> = read_rows(&folder(context).join(PINS))?;
-                Ok(rows.iter().find(|row| row.group == group && row.estimator == BATCH).map(of))
-            }
-        };
-        let about = format!("real pins in space, {group}, {BATCH}");
-        [
-            Claim::at_most(
-                format!("real_space_pins_{name}_mean"),
-                format!("{about}: mean error"),
-                bound_mm,
-                "mm",
-                score(|row| 1e3 * row.mean_m),
-            ),
-            Claim::at_least(
-                format!("real_space_pins_{name}_answered"),
-                format!("{about}: share of the readings with an estimate"),
-                95.0,
-                "%",
-                score(|row| 100.0 * row.answered),
-            ),
-            Claim::at_least(
-                format!("real_space_pins_{name}_coverage"),
-                format!("{about}: coverage of the 95 % ellipsoids"),
-                88.0,
-                "%",
-                score(|row| 100.0 * row.coverage),
-            ),
-        ]
-    });
-    claims.collect()
-}
-
-fn real_sweeps() -> Vec<Claim> {
-    let claims = REAL_OBJECTS.into_iter().flat_map(|object| {
-        let score = move |of: fn(&SweepScore) -> Option<f64>| {
-            move |context: &Context| {
-                let rows: Vec<SweepScore> = read_rows(&folder(context).join(SWEEPS))?;
-                Ok(worst(
-                    rows.iter()
-                        .filter(|row| row.object.strip_prefix("reference_") == Some(object))
-                        .map(|row| Some(1e3 * of(row)?)),
-                ))
-            }
-        };
-        let about = format!("real sweeps in space over the object {object}, largest of the sweeps");
-        [
-            Claim::at_most(
-                format!("real_space_sweeps_{object}_mean"),
-                format!("{about}: mean distance from the mesh as recorded"),
-                0.5,
-                "mm",
-                score(|row| row.mean_m),
-            ),
-            Claim::at_most(
-                format!("real_space_sweeps_{object}_shifted_mean"),
-                format!("{about}: mean distance from the mesh after one shift of the object"),
-                0.2,
-                "mm",
-                score(|row| row.shifted_mean_m),
-            ),
-        ]
-    });
-    claims.collect()
+fn percent(share: Option<f64>) -> Option<f64> {
+    share.map(|share| 100.0 * share)
 }

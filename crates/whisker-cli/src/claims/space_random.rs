@@ -20,6 +20,10 @@ const FAILED_M: f64 = 0.5e-3;
 /// Coverage below which a set is overconfident.
 const LEAST_COVERAGE: f64 = 0.8;
 
+/// Coverage below which the signal of doubt has to find a set, and the time within which it has to.
+const MISSED_COVERAGE: f64 = 0.6;
+const DOUBT_WITHIN_S: f64 = 2.0;
+
 /// Angle of the normal above which a replay counts as failed.
 const FAILED_NORMAL_RAD: f64 = 2.0_f64.to_radians();
 
@@ -98,7 +102,40 @@ pub(super) fn claims() -> Vec<Claim> {
         "%",
         |context| percent(mean(replays(context, |_| true)?.iter().filter_map(|trial| trial.radius_coverage))),
     ));
+    claims.push(Claim::at_least(
+        "space_random_doubt_found".into(),
+        about("replays of sets with a coverage below 60 % whose models are in doubt within 2 s"),
+        90.0,
+        "%",
+        |context| {
+            let missed = by_coverage(context, |coverage| coverage < MISSED_COVERAGE)?;
+            percent(share(&missed, |trial| trial.doubt_time_s.is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)))
+        },
+    ));
+    claims.push(Claim::at_most(
+        "space_random_doubt_false".into(),
+        about("replays in doubt per minute of contact, in sets with a coverage of at least 80 %"),
+        0.02,
+        "per minute",
+        |context| {
+            let good = by_coverage(context, |coverage| coverage >= LEAST_COVERAGE)?;
+            let minutes = good.iter().map(|trial| trial.contact_s).sum::<f64>() / 60.0;
+            let alarms = good.iter().filter(|trial| trial.doubt_time_s.is_some()).count() as f64;
+            Ok((minutes > 0.0).then(|| alarms / minutes))
+        },
+    ));
     claims
+}
+
+/// Replays of the sets whose coverage meets a condition.
+fn by_coverage(context: &Context, meets: impl Fn(f64) -> bool) -> anyhow::Result<Vec<SpatialTrialRow>> {
+    let mut sets: BTreeMap<String, Vec<SpatialTrialRow>> = BTreeMap::new();
+    for trial in replays(context, |_| true)? {
+        sets.entry(trial.group.clone()).or_default().push(trial);
+    }
+    let is_met =
+        |trials: &Vec<SpatialTrialRow>| mean(trials.iter().filter_map(|trial| trial.coverage)).is_some_and(&meets);
+    Ok(sets.into_values().filter(is_met).flatten().collect())
 }
 
 /// Replays of `recommended` on solids of some shapes.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use recorded::benchmark::{MapScore, PinSummary, SweepScore, run as evaluate};
+use recorded::benchmark::{FaceScore, MapScore, PAPER, PinSummary, SweepScore, run as evaluate};
 
 use super::{FINISHED_WITH_FAILURES, print, table};
 
@@ -39,12 +39,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let header = ["pins", "estimator", "pins", "answered", "mean, mm", "median, mm", "worst, mm", "NEES", "in 95 %"];
     print(&format!("\n{}", table::render(&header, &found.summary().iter().map(pins).collect::<Vec<_>>(), 2)))?;
     let sweep = |row: &SweepScore| {
-        let lengths = [row.mean_m, row.p95_m, row.shifted_mean_m, row.shift_m].map(table::millimetres);
-        let head = vec![row.name.clone(), table::percent(Some(row.reach)), table::millimetres(Some(row.extent_m))];
-        [head, lengths.into()].concat()
+        let lengths = [row.extent_m, row.mean_m, row.p95_m, row.vertex_mean_m, row.shifted_mean_m, row.shift_m];
+        let head = vec![row.name.clone(), table::percent(Some(row.answered)), table::percent(row.reach)];
+        [head, lengths.map(table::millimetres).into()].concat()
     };
-    let header = ["sweep", "reach", "extent, mm", "mean, mm", "95 %, mm", "mean, shifted, mm", "shift, mm"];
-    print(&format!("\n{}", table::render(&header, &found.sweeps.iter().map(sweep).collect::<Vec<_>>(), 1)))?;
+    let header = "sweep, answered, reach, extent mm, mean mm, 95 % mm, vertex mm, mean shifted mm, shift mm";
+    for (estimator, sweeps) in [("batch", &found.sweeps), (PAPER, &found.paper_sweeps)] {
+        let header: Vec<&str> = header.split(", ").collect();
+        let rows: Vec<Vec<String>> = sweeps.iter().map(sweep).collect();
+        print(&format!("\n{estimator}\n{}", table::render(&header, &rows, 1)))?;
+    }
+    let face = |row: &FaceScore| {
+        let normal = format!("{:.2} {:.2} {:.2}", row.normal_x, row.normal_y, row.normal_z);
+        let lengths = [row.offset_m, row.mean_m, row.p95_m].map(|length_m| table::millimetres(Some(length_m)));
+        [vec![row.name.clone(), normal, row.contacts.to_string()], lengths.into()].concat()
+    };
+    let header = ["sweep", "normal of the face", "contacts", "offset mm", "mean mm", "95 % mm"];
+    print(&format!("\n{}", table::render(&header, &found.faces.iter().map(face).collect::<Vec<_>>(), 2)))?;
     print(&format!("{}\n", arguments.out.display()))?;
     found.failures.iter().for_each(|failure| eprintln!("error: {failure}"));
     Ok(if found.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })

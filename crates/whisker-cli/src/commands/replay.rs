@@ -30,6 +30,10 @@ pub(super) struct Arguments {
     /// end>/<whisker>.json for a front end other than the default]
     #[arg(long)]
     calibration: Option<PathBuf>,
+    /// Replay a planar trace through an estimator in space, with --calibration in space of the same whisker; the moment out of the
+    /// plane is zero but for noise
+    #[arg(long, requires = "calibration")]
+    space: bool,
     /// File to write [default: stdout]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -37,8 +41,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     check_trace(&arguments.trace)?;
-    if is_spatial(&arguments.trace)? {
-        let Arguments { trace, played, calibration, out } = arguments;
+    if arguments.space || is_spatial(&arguments.trace)? {
+        let Arguments { trace, played, calibration, out, .. } = arguments;
         return replay_in_space(trace, &played.in_space()?, calibration.as_deref(), out.as_deref());
     }
     let found = arguments.played.find(&arguments.trace, arguments.calibration.as_deref())?;

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use files::write_atomically;
+use nalgebra::Vector2;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
@@ -17,7 +18,7 @@ use testbed::space::replay::{calibrated, replay, samples};
 use testbed::space::{
     SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
 };
-use trace::SpatialTrace;
+use trace::{SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
@@ -54,6 +55,33 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
     Ok(ExitCode::SUCCESS)
 }
 
+/// A trace in space as the input of an estimator.
+pub(super) struct Prepared {
+    pub(super) trace: SpatialTrace,
+    pub(super) knowledge: Arc<Knowledge>,
+    /// Readings with noise.
+    pub(super) readings_n_m: Vec<Vector2<f64>>,
+}
+
+impl Prepared {
+    /// A trace with the noise of the options and the calibration in this file.
+    ///
+    /// # Errors
+    /// If the calibration cannot be read or is one of another whisker.
+    pub(super) fn new(trace: SpatialTrace, options: &InSpace, calibration: &Path) -> anyhow::Result<Self> {
+        let noise_sd_n_m = options.noise * largest_reading_n_m([&trace]);
+        let readings_n_m = noisy_readings_n_m(&trace, noise_sd_n_m, options.seed);
+        let calibrated = calibrated(calibration, &trace.sidecar)?;
+        let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: trace.sidecar.rate_hz });
+        Ok(Self { trace, knowledge, readings_n_m })
+    }
+}
+
+/// Default path of the calibration of a trace's whisker.
+pub(super) fn calibration_of(trace: &Path, whisker: &str) -> PathBuf {
+    calibrations(beside(trace), FRONT_ENDS[0].name).join(format!("{whisker}.json"))
+}
+
 /// Replays a trace through an estimator and writes the estimates, to stdout without `out`.
 pub(super) fn replay_in_space(
     trace: &Path,
@@ -61,11 +89,19 @@ pub(super) fn replay_in_space(
     calibration: Option<&Path>,
     out: Option<&Path>,
 ) -> anyhow::Result<ExitCode> {
-    let InSpace { row, config, noise, seed } = options;
-    let read = SpatialTrace::read(trace)?;
-    let folder = calibrations(beside(trace), FRONT_ENDS[0].name);
-    let default = || folder.join(format!("{}.json", read.sidecar.whisker.name));
-    let calibration = calibration.map_or_else(default, Path::to_path_buf);
+    // A planar trace is given with a calibration in space, by `--space`.
+    let read = match calibration {
+        Some(calibration) if !is_spatial(trace)? => {
+            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } =
+                SpatialCalibrationFile::read(calibration)?;
+            let mut planar = Trace::read(trace)?;
+            // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
+            planar.sidecar.whisker.segments = whisker.segments;
+            SpatialTrace::lifted(&planar, suspension, poisson_ratio)
+        }
+        _ => SpatialTrace::read(trace)?,
+    };
+    let calibration = calibration.map_or_else(|| calibration_of(trace, &read.sidecar.whisker.name), Path::to_path_buf);
     let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
     let _lock = match out {
         Some(out) => {
@@ -76,10 +112,8 @@ pub(super) fn replay_in_space(
         }
         None => None,
     };
-    let noise_sd_n_m = noise * largest_reading_n_m([&read]);
-    let readings_n_m = noisy_readings_n_m(&read, noise_sd_n_m, *seed);
-    let calibrated = calibrated(&calibration, &read.sidecar)?;
-    let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: read.sidecar.rate_hz });
+    let Prepared { trace: read, knowledge, readings_n_m } = Prepared::new(read, options, &calibration)?;
+    let InSpace { row, config, .. } = options;
     let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
     let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
     let rows: Vec<SpatialEstimateRow> = answers
@@ -156,6 +190,8 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "radius in 95 %",
         "edge, mm",
         "corner, mm",
+        "doubted",
+        "verdict",
     ];
     let degrees = |angle_rad: Option<f64>| table::number(angle_rad.map(f64::to_degrees));
     let row = |row: &SpatialSummaryRow| {
@@ -180,6 +216,8 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::percent(row.radius_coverage),
             table::millimetres(row.edge_m),
             table::millimetres(row.corner_m),
+            table::percent(row.doubted),
+            row.verdict.clone().unwrap_or_default(),
         ]
     };
     table::render(&header, &summary.iter().map(row).collect::<Vec<_>>(), 3)

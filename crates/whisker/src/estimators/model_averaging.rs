@@ -30,12 +30,13 @@ use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::systematic::SystematicSettings;
-use super::watched::Watched;
+use super::watched::{Watched, WatchedSettings};
 use super::{
     ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
     Sample, Touch, Tracker, estimator,
 };
 use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
+use crate::doubt::{DoubtSettings, Doubtful};
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -92,6 +93,8 @@ pub(super) struct Config {
     pub farthest_m: f64,
     /// Signal that the models are in doubt.
     pub doubt: DoubtSettings,
+    /// The same by a method whose object moves.
+    pub watched: WatchedSettings,
     /// Signal that a second contact has taken load.
     pub second: SecondSettings,
     /// Blocks of samples of which the candidates take the mean.
@@ -157,6 +160,7 @@ impl Config {
             ignored_share: 0.0,
             farthest_m: 2e-3,
             doubt: DoubtSettings::default(),
+            watched: WatchedSettings::default(),
             second: SecondSettings::NONE,
             block: BlockSettings::default(),
         }
@@ -173,11 +177,8 @@ impl Settings for Config {
         within("mean_power", self.mean_power, 1e-6..=1.0)?;
         within("mean_evidence", self.mean_evidence, 0.0..=1e3)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
-        within("doubt.window_s", self.doubt.window_s, 1e-3..=1e3)?;
-        within("doubt.most_nis", self.doubt.most_nis, 1.0..=1e6)?;
-        within("doubt.nis", self.doubt.nis, 1.0..=1e6)?;
-        within("doubt.moving_evidence", self.doubt.moving_evidence, 0.0..=1e6)?;
-        within("doubt.hold_s", self.doubt.hold_s, 0.0..=1e3)?;
+        self.doubt.validate()?;
+        self.watched.validate()?;
         self.second.validate()?;
         self.block.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
@@ -220,7 +221,7 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    let is_watched = !looks_back && config.doubt.moving_evidence > 0.0;
+    let is_watched = !looks_back && config.watched.evidence > 0.0;
     let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
         let row = row_of(WATCHED, looks_back)?;
         Ok((row.build)(&(row.defaults)(), knowledge)?.into())
@@ -263,61 +264,6 @@ impl Method for ModelAveraging {
             stated: None,
             weights,
         })
-    }
-}
-
-/// Settings of the signal that the models are in doubt.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct DoubtSettings {
-    /// Time over which the mixture's normalised innovations squared are averaged (exponentially).
-    pub window_s: f64,
-    /// Largest value that counts, which bounds the influence of an outlier.
-    pub most_nis: f64,
-    /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms.
-    pub nis: f64,
-    /// Summed logarithmic likelihood ratio of `drifting`, whose object moves, to the mixture above which the models are in doubt too.
-    /// 0: it is not computed.
-    pub moving_evidence: f64,
-    /// Time for which the signal stays raised after that.
-    pub hold_s: f64,
-}
-
-impl Default for DoubtSettings {
-    /// Chosen on the training suite of random scenes; that of a moving object on the suite `hollow` too.
-    fn default() -> Self {
-        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0, moving_evidence: 30.0, hold_s: 0.5 }
-    }
-}
-
-/// Signal that the readings contradict the mixture: the running mean of its normalised innovations squared, with the
-/// covariance of the predictive distribution that all candidates together have. Candidates that disagree with one
-/// another widen it and do not raise the signal.
-#[derive(Clone, Copy, Debug)]
-struct Doubtful {
-    nis: f64,
-    /// Time for which the signal stays raised.
-    held_s: f64,
-}
-
-impl Default for Doubtful {
-    fn default() -> Self {
-        Self { nis: 1.0, held_s: 0.0 }
-    }
-}
-
-impl Doubtful {
-    /// Takes the mixture's innovation after a step, and whether the watched method is ahead.
-    fn advance(&mut self, settings: &DoubtSettings, dt_s: f64, innovation: Option<Innovation<1>>, moves: bool) {
-        self.held_s = if moves { settings.hold_s } else { self.held_s - dt_s };
-        let Some(Innovation { nis, .. }) = innovation else { return };
-        self.nis += (nis.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
-    }
-
-    /// Whether the models are in doubt.
-    fn is_raised(&self, settings: &DoubtSettings) -> bool {
-        self.nis > settings.nis || self.held_s > 0.0
     }
 }
 
@@ -583,12 +529,12 @@ impl AveragingTracker {
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
-        let moves = self.watched.as_mut().is_some_and(|watched| {
-            watched.step((sample, count), jumps, innovation, self.config.gate_sds);
-            watched.is_ahead(self.config.doubt.moving_evidence)
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
+        let is_ahead = self.watched.as_mut().is_some_and(|watched| {
+            watched.step((sample, count), jumps, innovation, self.config.gate_sds, &self.config.watched);
+            watched.is_raised()
         });
-        self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation, moves);
-        let model_doubtful = self.doubtful.is_raised(&self.config.doubt);
+        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || is_ahead;
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let second_contact = self.second.is_raised();
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate));
@@ -669,19 +615,6 @@ mod tests {
     use super::*;
     use crate::estimators::side::Side;
     use crate::estimators::testing::knowledge;
-
-    fn innovation(nis: f64) -> Option<Innovation<1>> {
-        Innovation::of(vector![nis.sqrt()], Matrix1::new(1.0))
-    }
-
-    /// Samples until the signal is raised, of at most 1000.
-    fn raised(nis: impl Fn(usize) -> f64) -> Option<usize> {
-        let (settings, mut doubtful) = (DoubtSettings::default(), Doubtful::default());
-        (0..1000).find(|&i| {
-            doubtful.advance(&settings, 0.01, innovation(nis(i)), false);
-            doubtful.is_raised(&settings)
-        })
-    }
 
     /// A tracker of two candidates, of which the second is considered, with these probabilities.
     fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
@@ -820,16 +753,5 @@ mod tests {
         tracker.right.reweight(&tracker.completed(&tracker.tempered(&[None, Some(1.0), Some(3.0), Some(5.0)])));
         let shares = tracker.right.probabilities();
         assert!((shares[0] - 0.3).abs() < 1e-12 && shares[1] / shares[2] < 1.0, "{shares:?}");
-    }
-
-    #[test]
-    fn verif_doubt_is_raised_by_lasting_innovations() {
-        // Squares of an evenly spaced quantile sample of the normal distribution, with mean about 1.
-        let consistent = |i: usize| [0.01, 3.2, 0.3, 0.02, 0.9, 0.2, 2.3, 1.1][i % 8];
-        assert_eq!(raised(consistent), None);
-        let lasting = raised(|_| 6.0).unwrap();
-        assert!((20..100).contains(&lasting), "{lasting}");
-        // An outlier now and then is none.
-        assert_eq!(raised(|i| if i % 50 == 0 { 1e4 } else { consistent(i) }), None);
     }
 }

@@ -8,20 +8,50 @@
 use std::sync::Arc;
 
 use filters::{Innovation, robust};
+use serde::{Deserialize, Serialize};
 
 use super::{Method, Sample, Touch, Tracker};
+use crate::settings::{SettingsError, within};
+
+/// Settings of the watched method.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct WatchedSettings {
+    /// Summed logarithmic likelihood ratio of the method to the mixture above which the models are in doubt. 0: no method is
+    /// watched.
+    pub evidence: f64,
+    /// Time for which the signal stays raised after that.
+    pub hold_s: f64,
+}
+
+impl Default for WatchedSettings {
+    /// Chosen on the training suite of random scenes and on the suite `hollow`.
+    fn default() -> Self {
+        Self { evidence: 30.0, hold_s: 0.5 }
+    }
+}
+
+impl WatchedSettings {
+    /// Checks every value.
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("watched.evidence", self.evidence, 0.0..=1e6)?;
+        within("watched.hold_s", self.hold_s, 0.0..=1e3)
+    }
+}
 
 /// The method on one contact.
 pub(super) struct Watched {
     method: Arc<dyn Method>,
     tracker: Box<dyn Tracker>,
     evidence: Evidence,
+    /// Time for which the signal stays raised.
+    held_s: f64,
 }
 
 impl Watched {
     /// Begins to track a contact.
     pub(super) fn new(method: &Arc<dyn Method>, touch: &Touch<'_>) -> Self {
-        Self { method: method.clone(), tracker: method.begin(touch), evidence: Evidence::default() }
+        Self { method: method.clone(), tracker: method.begin(touch), evidence: Evidence::default(), held_s: 0.0 }
     }
 
     /// Takes the mean of `count` samples, and the innovation of the mixture. `jumps` is passed to [`Tracker::expect_jumps`].
@@ -31,10 +61,13 @@ impl Watched {
         jumps: bool,
         of_mixture: Option<Innovation<1>>,
         gate_sds: f64,
+        settings: &WatchedSettings,
     ) {
         let own = self.tracker.step_mean(sample, count).and_then(|estimate| estimate.innovation);
         self.tracker.expect_jumps(jumps);
         self.evidence.advance(own, of_mixture, gate_sds);
+        let is_ahead = self.evidence.sum > settings.evidence;
+        self.held_s = if is_ahead { settings.hold_s } else { self.held_s - sample.dt_s };
     }
 
     /// Begins the next touch.
@@ -44,9 +77,9 @@ impl Watched {
         }
     }
 
-    /// Whether the sum of the evidence exceeds a threshold.
-    pub(super) fn is_ahead(&self, most: f64) -> bool {
-        self.evidence.sum > most
+    /// Whether the models are in doubt.
+    pub(super) fn is_raised(&self) -> bool {
+        self.held_s > 0.0
     }
 }
 

@@ -7,11 +7,16 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use live::{Disturbance, LiveEstimator, Timing, messages, play};
-use trace::{ArrayRecording, ArraySidecar, Recording, Trace};
+use live::wire::Written;
+use live::{Answer, Disturbance, Kind, LiveEstimator, Message, Motion, Timing, messages, messages_in_space, play};
+use nalgebra::Vector2;
+use trace::{ArrayRecording, ArraySidecar, Recording, SpatialTrace, Trace, is_spatial};
+use whisker::events::TouchConfig;
 
 use super::sink::Sink;
 use super::{Arguments, named};
+use crate::commands::played::check_trace;
+use crate::commands::space::{Prepared, calibration_of};
 
 /// Longest sleep, and so the delay of an interrupt.
 const NAP: Duration = Duration::from_millis(50);
@@ -22,11 +27,12 @@ struct Entry {
     name: String,
 }
 
-/// A played trace.
-struct Whisker {
-    name: String,
-    recording: Recording,
-    readings_n_m: Vec<f64>,
+/// What a recording is played by.
+struct Player<'a> {
+    arguments: &'a Arguments,
+    timing: Timing,
+    disturbance: &'a Disturbance,
+    stop: &'a AtomicBool,
 }
 
 pub(super) fn run(
@@ -35,42 +41,93 @@ pub(super) fn run(
     disturbance: &Disturbance,
     stop: &AtomicBool,
 ) -> anyhow::Result<ExitCode> {
-    let mut whiskers = Vec::new();
-    let mut estimators = Vec::new();
-    for entry in entries(&arguments.recording)? {
-        let calibration = calibration(arguments, &entry.name)?;
-        let mut played = arguments.played.prepare(arguments.played.find(&entry.trace, calibration.as_deref())?)?;
-        let recording = Trace::read(&entry.trace)?.recording;
-        let readings_n_m = recording.instants.iter().map(|instant| (played.reader)(instant)).collect();
-        let build = Box::new(played.build());
-        estimators.push(LiveEstimator::new(build, &played.knowledge, played.looks_back(), timing)?);
-        whiskers.push(Whisker { name: entry.name, recording, readings_n_m });
+    let entries = entries(&arguments.recording)?;
+    let mut in_space = 0;
+    for entry in &entries {
+        check_trace(&entry.trace)?;
+        in_space += usize::from(is_spatial(&entry.trace)?);
     }
-    let recordings: Vec<_> = whiskers.iter().map(|whisker| (&whisker.recording, &whisker.readings_n_m[..])).collect();
-    let messages = messages(&recordings, disturbance, arguments.played.seed);
-    let is_alone = whiskers.len() == 1;
-    let name = |whisker: usize| (!is_alone).then_some(whiskers[whisker].name.as_str());
-    // Times of arrival are those of the recording, whatever the load of the machine.
-    let first_s = messages.first().map_or(0.0, |message| message.at_s);
-    let begun = Instant::now();
-    let speed = arguments.speed;
-    let origin = begun - Duration::try_from_secs_f64(first_s / speed).unwrap_or_default();
-    let mut sink = Sink::new(origin, speed);
-    let pace = |at_s: f64| {
-        let due = Duration::try_from_secs_f64((at_s - first_s) / speed).unwrap_or(Duration::MAX);
-        while !stop.load(Ordering::Relaxed) {
-            let left = due.saturating_sub(begun.elapsed());
-            if left.is_zero() {
-                return true;
-            }
-            sleep(left.min(NAP));
+    let player = Player { arguments, timing, disturbance, stop };
+    match in_space {
+        0 => player.in_plane(&entries),
+        count if count == entries.len() => player.in_space(&entries),
+        count => bail!(
+            "--recording: found {count} traces in space among {}, expected traces in the plane or in space alone",
+            entries.len()
+        ),
+    }
+}
+
+impl Player<'_> {
+    fn in_plane(&self, entries: &[Entry]) -> anyhow::Result<ExitCode> {
+        let played = &self.arguments.played;
+        let mut recordings: Vec<(Recording, Vec<f64>)> = Vec::new();
+        let mut estimators = Vec::new();
+        for entry in entries {
+            let calibration = calibration(self.arguments, &entry.name)?;
+            let mut prepared = played.prepare(played.find(&entry.trace, calibration.as_deref())?)?;
+            let recording = Trace::read(&entry.trace)?.recording;
+            let readings_n_m = recording.instants.iter().map(|instant| (prepared.reader)(instant)).collect();
+            let build = Box::new(prepared.build());
+            estimators.push(LiveEstimator::new(build, &prepared.knowledge, prepared.looks_back(), self.timing)?);
+            recordings.push((recording, readings_n_m));
         }
-        false
-    };
-    play(&mut estimators, &messages, pace, |whisker, out| sink.take(name(whisker), out))?;
-    let counts = estimators.iter().enumerate();
-    let counts: Vec<_> = counts.map(|(whisker, of)| (name(whisker).map(Into::into), *of.counters())).collect();
-    Ok(sink.finish(&counts))
+        let streams: Vec<_> = recordings.iter().map(|(recording, readings)| (recording, &readings[..])).collect();
+        self.play(entries, estimators, &messages(&streams, self.disturbance, played.seed))
+    }
+
+    fn in_space(&self, entries: &[Entry]) -> anyhow::Result<ExitCode> {
+        let options = self.arguments.played.in_space()?;
+        let mut recordings: Vec<(SpatialTrace, Vec<Vector2<f64>>)> = Vec::new();
+        let mut estimators = Vec::new();
+        for entry in entries {
+            let trace = SpatialTrace::read(&entry.trace)?;
+            let given = calibration(self.arguments, &entry.name)?;
+            let path = given.unwrap_or_else(|| calibration_of(&entry.trace, &trace.sidecar.whisker.name));
+            let Prepared { trace, knowledge, readings_n_m } = Prepared::new(trace, &options, &path)?;
+            let (row, config, of_build) = (options.row, options.config.clone(), knowledge.clone());
+            let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
+            estimators.push(LiveEstimator::in_space(Box::new(build), &knowledge, self.timing)?);
+            recordings.push((trace, readings_n_m));
+        }
+        let streams: Vec<_> = recordings.iter().map(|(trace, readings)| (&trace.recording, &readings[..])).collect();
+        self.play(entries, estimators, &messages_in_space(&streams, self.disturbance, options.seed))
+    }
+
+    /// Plays the messages at their pace, and writes the answers.
+    fn play<K: Kind, M: Motion<Measured = K::Base, Base = K::Base>>(
+        &self,
+        entries: &[Entry],
+        mut estimators: Vec<LiveEstimator<M, K>>,
+        messages: &[Message<K::Reading, K::Base>],
+    ) -> anyhow::Result<ExitCode>
+    where
+        Answer<K::Reading, K::Base, K::Estimate>: Written,
+    {
+        let is_alone = entries.len() == 1;
+        let name = |whisker: usize| (!is_alone).then_some(entries[whisker].name.as_str());
+        // Times of arrival are those of the recording, whatever the load of the machine.
+        let first_s = messages.first().map_or(0.0, |message| message.at_s);
+        let begun = Instant::now();
+        let speed = self.arguments.speed;
+        let origin = begun - Duration::try_from_secs_f64(first_s / speed).unwrap_or_default();
+        let mut sink = Sink::new(origin, speed);
+        let pace = |at_s: f64| {
+            let due = Duration::try_from_secs_f64((at_s - first_s) / speed).unwrap_or(Duration::MAX);
+            while !self.stop.load(Ordering::Relaxed) {
+                let left = due.saturating_sub(begun.elapsed());
+                if left.is_zero() {
+                    return true;
+                }
+                sleep(left.min(NAP));
+            }
+            false
+        };
+        play(&mut estimators, messages, pace, |whisker, out| sink.take(name(whisker), out))?;
+        let counts = estimators.iter().enumerate();
+        let counts: Vec<_> = counts.map(|(whisker, of)| (name(whisker).map(Into::into), *of.counters())).collect();
+        Ok(sink.finish(&counts))
+    }
 }
 
 /// Traces of the recordings: those of the whiskers of an array, or one of a single whisker.

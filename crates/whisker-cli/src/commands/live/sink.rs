@@ -5,9 +5,10 @@ use std::io::{self, Stdout, Write};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use live::wire::answer_line;
-use live::{Counters, Event, Output, Status};
+use live::wire::Written;
+use live::{Answer, Counters, Event, Output, Status};
 use platform::inference::Times;
+use serde::Serialize;
 use testbed::participant::AnswerLine;
 
 use crate::commands::{FINISHED_WITH_FAILURES, diagnose};
@@ -38,7 +39,10 @@ impl Sink {
     }
 
     /// Writes the answers of a whisker and prints its events. `name` is `None` if it is the only one.
-    pub(super) fn take(&mut self, name: Option<&str>, out: &mut Output) -> anyhow::Result<()> {
+    pub(super) fn take<R, P, E>(&mut self, name: Option<&str>, out: &mut Output<R, P, E>) -> anyhow::Result<()>
+    where
+        Answer<R, P, E>: Written,
+    {
         let of = name.map_or_else(String::new, |name| format!("{name}: "));
         for event in out.events.drain(..) {
             let (kind, most) = match event {
@@ -56,7 +60,7 @@ impl Sink {
             return Ok(());
         }
         for answer in &out.answers {
-            self.add(&answer_line(name, answer))?;
+            self.add(&answer.line(name))?;
         }
         self.write()?;
         let elapsed_s = self.origin.elapsed().as_secs_f64();
@@ -93,7 +97,7 @@ impl Sink {
         if self.refused > 0 { FINISHED_WITH_FAILURES.into() } else { ExitCode::SUCCESS }
     }
 
-    fn add(&mut self, answer: &AnswerLine) -> anyhow::Result<()> {
+    fn add(&mut self, answer: &impl Serialize) -> anyhow::Result<()> {
         serde_json::to_writer(&mut self.lines, answer)?;
         self.lines.push(b'\n');
         Ok(())

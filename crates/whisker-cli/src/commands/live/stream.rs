@@ -10,19 +10,20 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use live::wire::{self, BadLine, Line, PriorLine, SampleLine};
-use live::{Counters, LiveEstimator, Output, Timing};
+use live::wire::{self, BadLine, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
+use live::{Answer, Counters, Kind, LiveEstimator, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing};
 use serde_json::Value;
 use strict_json::one_line;
-use testbed::participant::PROTOCOL;
+use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use testbed::replay::method;
-use trace::CalibrationFile;
+use trace::{CalibrationFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
+use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
 
 use super::sink::Sink;
 use super::{Arguments, named};
-use crate::commands::played::read_calibration;
+use crate::commands::played::{InSpace, read_calibration};
 
 /// Longest line in bytes: the first line of an evaluation contains tables of the sensor model.
 const LONGEST_LINE: u64 = 1 << 23;
@@ -49,25 +50,55 @@ struct Arrival {
     at: Instant,
 }
 
+/// Estimators of the plane or of space, and their lines.
+trait Method: 'static {
+    type Kind: Kind;
+    type Motion: Motion<Measured = <Self::Kind as Kind>::Base, Base = <Self::Kind as Kind>::Base> + 'static;
+    type Prior;
+    type Calibration;
+
+    /// Reads a calibration.
+    fn read(path: &Path) -> anyhow::Result<Self::Calibration>;
+
+    /// Parses a line.
+    fn parse(line: &str) -> Result<LineOf<Self>, BadLine>;
+
+    /// Name of the whisker in its first line.
+    fn name(prior: &Self::Prior) -> Option<&str>;
+
+    /// The estimator of a whisker.
+    fn begin(
+        &self,
+        calibration: &Self::Calibration,
+        path: &Path,
+        prior: &Self::Prior,
+        timing: Timing,
+    ) -> anyhow::Result<LiveEstimator<Self::Motion, Self::Kind>>;
+}
+
+/// A line, and a later one, of a kind of estimator.
+type LineOf<T> =
+    Line<<T as Method>::Prior, <<T as Method>::Kind as Kind>::Reading, <<T as Method>::Kind as Kind>::Base>;
+type SampleOf<K> = SampleLine<<K as Kind>::Reading, <K as Kind>::Base>;
+
 /// A whisker of the options, and its thread once its first line has arrived.
-struct Whisker {
+struct Whisker<T: Method> {
     name: Option<String>,
     path: PathBuf,
-    calibration: CalibrationFile,
-    worker: Option<Worker>,
+    calibration: T::Calibration,
+    worker: Option<Worker<T::Kind>>,
 }
 
 /// Thread that runs the estimator of a whisker.
-struct Worker {
-    samples: SyncSender<(SampleLine, f64)>,
+struct Worker<K: Kind> {
+    samples: SyncSender<(SampleOf<K>, f64)>,
     thread: JoinHandle<anyhow::Result<Counters>>,
 }
 
 /// Whiskers with one estimator.
-struct Session {
-    whiskers: Vec<Whisker>,
-    row: &'static EstimatorRow,
-    config: Value,
+struct Session<T: Method> {
+    whiskers: Vec<Whisker<T>>,
+    method: T,
     timing: Timing,
     sink: Arc<Mutex<Sink>>,
     origin: Instant,
@@ -75,11 +106,35 @@ struct Session {
 }
 
 pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
-    let (row, config) = arguments.played.method.registered()?;
+    let mut in_space = 0;
+    for option in &arguments.calibration {
+        let (_, path) = named(option);
+        in_space += usize::from(path.is_file() && is_spatial(&path)?);
+    }
+    match in_space {
+        0 => {
+            let (row, config) = arguments.played.method.registered()?;
+            serve(InPlane { row, config }, arguments, timing, stop)
+        }
+        count if count == arguments.calibration.len() => {
+            let InSpace { row, config, .. } = arguments.played.in_space()?;
+            serve(OfSpace { row, config }, arguments, timing, stop)
+        }
+        count => bail!(
+            "--calibration: found {count} calibrations in space among {}, expected calibrations in the plane or in space alone",
+            arguments.calibration.len()
+        ),
+    }
+}
+
+fn serve<T: Method>(method: T, arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> anyhow::Result<ExitCode>
+where
+    Answered<T::Kind>: Written,
+{
     let whiskers = whiskers(&arguments.calibration)?;
     let origin = Instant::now();
     let sink = Arc::new(Mutex::new(Sink::new(origin, 1.0)));
-    let mut session = Session { whiskers, row, config, timing, sink, origin, lines: 0 };
+    let mut session = Session { whiskers, method, timing, sink, origin, lines: 0 };
     let (sender, lines) = sync_channel(AHEAD);
     thread::Builder::new().name("stdin".into()).spawn(move || read(&sender)).context("thread of stdin")?;
     let served = session.serve(&lines, stop);
@@ -88,9 +143,12 @@ pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> a
     Ok(locked(&session.sink).finish(&counts))
 }
 
+/// Answer of a kind of estimator.
+type Answered<K> = Answer<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
+
 /// Reads the calibrations and checks that the names are distinct.
-fn whiskers(options: &[String]) -> anyhow::Result<Vec<Whisker>> {
-    let mut whiskers: Vec<Whisker> = Vec::new();
+fn whiskers<T: Method>(options: &[String]) -> anyhow::Result<Vec<Whisker<T>>> {
+    let mut whiskers: Vec<Whisker<T>> = Vec::new();
     for option in options {
         let (name, path) = named(option);
         if options.len() > 1 && name.is_none() {
@@ -99,8 +157,7 @@ fn whiskers(options: &[String]) -> anyhow::Result<Vec<Whisker>> {
         if whiskers.iter().any(|whisker| whisker.name.as_deref() == name) {
             bail!("--calibration: found the name `{}` twice, expected each once", name.unwrap_or_default());
         }
-        let beside_trace = path.parent().and_then(Path::parent).unwrap_or(Path::new(""));
-        let calibration = read_calibration(&path, beside_trace)?;
+        let calibration = T::read(&path)?;
         whiskers.push(Whisker { name: name.map(Into::into), path, calibration, worker: None });
     }
     Ok(whiskers)
@@ -137,13 +194,16 @@ fn locked(sink: &Mutex<Sink>) -> MutexGuard<'_, Sink> {
 }
 
 /// Runs the estimator of a whisker on its samples with their arrivals, until their sender is gone. Returns the counts.
-fn work(
-    mut estimator: LiveEstimator,
+fn work<K: Kind, M: Motion<Measured = K::Base, Base = K::Base>>(
+    mut estimator: LiveEstimator<M, K>,
     name: Option<&str>,
-    samples: &Receiver<(SampleLine, f64)>,
+    samples: &Receiver<(SampleOf<K>, f64)>,
     origin: Instant,
     sink: &Mutex<Sink>,
-) -> anyhow::Result<Counters> {
+) -> anyhow::Result<Counters>
+where
+    Answered<K>: Written,
+{
     let mut out = Output::default();
     loop {
         let now_s = origin.elapsed().as_secs_f64();
@@ -174,7 +234,10 @@ fn work(
     Ok(*estimator.counters())
 }
 
-impl Session {
+impl<T: Method> Session<T>
+where
+    Answered<T::Kind>: Written,
+{
     /// Processes lines until their end or until `stop` is set.
     fn serve(&mut self, lines: &Receiver<Arrival>, stop: &AtomicBool) -> anyhow::Result<()> {
         while !stop.load(Ordering::Relaxed) {
@@ -208,7 +271,7 @@ impl Session {
     fn line(&mut self, line: io::Result<Vec<u8>>, at_s: f64) -> anyhow::Result<()> {
         self.lines += 1;
         let parsed = match line.map(String::from_utf8) {
-            Ok(Ok(text)) => wire::parse(text.trim_end_matches(['\n', '\r'])),
+            Ok(Ok(text)) => T::parse(text.trim_end_matches(['\n', '\r'])),
             Ok(Err(error)) => {
                 let column = Some(error.utf8_error().valid_up_to() + 1);
                 Err(BadLine {
@@ -234,7 +297,7 @@ impl Session {
     }
 
     /// Passes a reading, a pose or both to the thread of the whisker.
-    fn sample(&mut self, sample: SampleLine, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
+    fn sample(&mut self, sample: SampleOf<T::Kind>, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
         let bad = |reason: String| Ok(Err(BadLine { column: None, reason, is_not_finite: false }));
         let Some(place) = self.place_of(sample.name.as_deref()) else {
             return bad(self.unknown(sample.name.as_deref()));
@@ -259,22 +322,14 @@ impl Session {
     }
 
     /// Begins the estimation of a whisker.
-    fn begin(&mut self, prior: &PriorLine) -> anyhow::Result<()> {
-        let name = prior.name.as_deref();
+    fn begin(&mut self, prior: &T::Prior) -> anyhow::Result<()> {
+        let name = T::name(prior);
         let Some(place) = self.place_of(name) else { bail!("name: {}", self.unknown(name)) };
         let whisker = &mut self.whiskers[place];
         if whisker.worker.is_some() {
             bail!("found a second first line of a whisker, expected one");
         }
-        let knowledge = whisker.knowledge(prior, self.row)?;
-        let (row, config, seed) = (self.row, self.config.clone(), prior.seed.unwrap_or_default());
-        let of_build = knowledge.clone();
-        let build = move || {
-            let method = method(row, &config, &of_build)?;
-            Ok(Estimator::new(Runner::new(method, of_build.clone(), seed), TouchConfig::default()))
-        };
-        let looks_back = row.class == MethodClass::Hindsight;
-        let estimator = LiveEstimator::new(Box::new(build), &knowledge, looks_back, self.timing)?;
+        let estimator = self.method.begin(&whisker.calibration, &whisker.path, prior, self.timing)?;
         let (samples, received) = sync_channel(AHEAD);
         let (name, origin, sink) = (whisker.name.clone(), self.origin, self.sink.clone());
         let works = move || work(estimator, name.as_deref(), &received, origin, &sink);
@@ -284,34 +339,129 @@ impl Session {
     }
 }
 
-impl Whisker {
-    /// Prior information of the estimator.
-    fn knowledge(&self, prior: &PriorLine, row: &EstimatorRow) -> anyhow::Result<Arc<Knowledge>> {
-        if prior.protocol != PROTOCOL {
-            bail!("protocol: found {}, expected {PROTOCOL}", prior.protocol);
-        }
-        let [least, most] = RATES_HZ;
-        if !(least..=most).contains(&prior.rate_hz) {
-            bail!("rate_hz: found {}, expected {least} to {most}", prior.rate_hz);
-        }
-        if !(0.0..=MOST_NOISE_N_M).contains(&prior.noise_sd_n_m) {
-            bail!("noise_sd_n_m: found {}, expected 0 to {MOST_NOISE_N_M}", prior.noise_sd_n_m);
-        }
-        let whisker = &self.calibration.whisker;
+/// Checks what the first lines of both protocols have in common.
+fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow::Result<()> {
+    let (found, expected) = protocol;
+    if found != expected {
+        bail!("protocol: found {found}, expected {expected}");
+    }
+    let [least, most] = RATES_HZ;
+    if !(least..=most).contains(&rate_hz) {
+        bail!("rate_hz: found {rate_hz}, expected {least} to {most}");
+    }
+    if !(0.0..=MOST_NOISE_N_M).contains(&noise_sd_n_m) {
+        bail!("noise_sd_n_m: found {noise_sd_n_m}, expected 0 to {MOST_NOISE_N_M}");
+    }
+    Ok(())
+}
+
+/// An estimator of the plane with its settings.
+struct InPlane {
+    row: &'static EstimatorRow,
+    config: Value,
+}
+
+impl Method for InPlane {
+    type Kind = Planar;
+    type Motion = Poses;
+    type Prior = PriorLine;
+    type Calibration = CalibrationFile;
+
+    fn read(path: &Path) -> anyhow::Result<CalibrationFile> {
+        read_calibration(path, path.parent().and_then(Path::parent).unwrap_or(Path::new("")))
+    }
+
+    fn parse(line: &str) -> Result<Line, BadLine> {
+        wire::parse(line)
+    }
+
+    fn name(prior: &PriorLine) -> Option<&str> {
+        prior.name.as_deref()
+    }
+
+    fn begin(
+        &self,
+        calibration: &CalibrationFile,
+        path: &Path,
+        prior: &PriorLine,
+        timing: Timing,
+    ) -> anyhow::Result<LiveEstimator> {
+        check_prior((prior.protocol, PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+        let whisker = &calibration.whisker;
         if prior.whisker.as_ref().is_some_and(|stated| stated != whisker) {
-            bail!("whisker: found other parameters than those of {}, expected the same", self.path.display());
+            bail!("whisker: found other parameters than those of {}, expected the same", path.display());
         }
         let expected = |key: &str, expected: String| anyhow::anyhow!("{key}: found other numbers, expected {expected}");
         let base_noise = prior.base_noise.map(|of| of.base_noise().map_err(|form| expected("base_noise", form)));
         let contact_prior = prior.told.map(|of| of.contact_prior().map_err(|form| expected("told", form)));
-        Ok(Arc::new(Knowledge {
+        let knowledge = Arc::new(Knowledge {
             whisker: whisker.clone(),
             rest: whisker.rest_shape(),
-            faces: self.calibration.calibrated(&self.path, row.sensor_model)?,
+            faces: calibration.calibrated(path, self.row.sensor_model)?,
             noise_sd_n_m: prior.noise_sd_n_m,
             base_noise: base_noise.transpose()?.unwrap_or_default(),
             rate_hz: prior.rate_hz,
             contact_prior: contact_prior.transpose()?,
-        }))
+        });
+        let (row, config, seed) = (self.row, self.config.clone(), prior.seed.unwrap_or_default());
+        let of_build = knowledge.clone();
+        let build = move || {
+            let method = method(row, &config, &of_build)?;
+            Ok(Estimator::new(Runner::new(method, of_build.clone(), seed), TouchConfig::default()))
+        };
+        let looks_back = row.class == MethodClass::Hindsight;
+        LiveEstimator::new(Box::new(build), &knowledge, looks_back, timing)
+    }
+}
+
+/// An estimator of space with its settings.
+struct OfSpace {
+    row: &'static SpatialEstimatorRow,
+    config: Value,
+}
+
+impl Method for OfSpace {
+    type Kind = Spatial;
+    type Motion = SpatialPoses;
+    type Prior = SpatialPriorLine;
+    type Calibration = SpatialCalibrationFile;
+
+    fn read(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
+        Ok(SpatialCalibrationFile::read(path)?)
+    }
+
+    fn parse(line: &str) -> Result<wire::SpatialLine, BadLine> {
+        wire::parse_in_space(line)
+    }
+
+    fn name(prior: &SpatialPriorLine) -> Option<&str> {
+        prior.name.as_deref()
+    }
+
+    fn begin(
+        &self,
+        calibration: &SpatialCalibrationFile,
+        path: &Path,
+        prior: &SpatialPriorLine,
+        timing: Timing,
+    ) -> anyhow::Result<LiveEstimator<SpatialPoses, Spatial>> {
+        check_prior((prior.protocol, SPATIAL_PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+        let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != calibration.whisker)
+            || prior.suspension.is_some_and(|stated| stated != calibration.suspension)
+            || prior.poisson_ratio.is_some_and(|stated| stated != calibration.poisson_ratio);
+        if is_other {
+            bail!(
+                "whisker, suspension or poisson_ratio: found other parameters than those of {}, expected the same",
+                path.display()
+            );
+        }
+        let knowledge = Arc::new(SpatialKnowledge {
+            calibrated: calibration.calibrated(path, None)?,
+            noise_sd_n_m: prior.noise_sd_n_m,
+            rate_hz: prior.rate_hz,
+        });
+        let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
+        let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
+        LiveEstimator::in_space(Box::new(build), &knowledge, timing)
     }
 }

@@ -67,6 +67,9 @@ pub struct Estimate {
     pub calibrated: bool,
     /// Innovation of the last update. `None` at the touch.
     pub innovation: Option<Innovation<2>>,
+    /// Whether the readings contradict the models of the method, so that its covariance may be too small. `None` if the method
+    /// does not judge them, as a filter of one model.
+    pub model_doubtful: Option<bool>,
 }
 
 /// Estimated direction of an edge.

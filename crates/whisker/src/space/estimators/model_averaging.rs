@@ -4,7 +4,8 @@
 //! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
 //! posterior probability. Until the first fits have ended, the priors decide. The estimate is the mean and covariance of the
 //! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
-//! prior.
+//! prior. The models are in doubt if the innovations of the mixture are too large, as in the plane, or if the readings contradict
+//! the fits with more than half of the probability.
 
 use std::sync::Arc;
 
@@ -16,6 +17,7 @@ use serde_json::{Map, Value};
 use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
+use crate::doubt::{DoubtSettings, Doubtful};
 use crate::settings::{Settings, SettingsError, within};
 
 /// Largest number of candidates.
@@ -47,6 +49,8 @@ pub(super) struct Config {
     covariance_factor: f64,
     /// Probability of a candidate, relative to the largest, below which it does not count for the estimate.
     ignored_share: f64,
+    /// Signal that the models are in doubt, by the innovations of the mixture.
+    doubt: DoubtSettings,
 }
 
 impl Default for Config {
@@ -60,6 +64,7 @@ impl Default for Config {
             evidence_power: 0.5,
             covariance_factor: 1.5,
             ignored_share: 0.02,
+            doubt: DoubtSettings::default(),
         }
     }
 }
@@ -70,6 +75,7 @@ impl Settings for Config {
         check(&weighted.collect::<Vec<_>>(), MOST)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
+        self.doubt.validate()?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)
     }
 }
@@ -102,6 +108,7 @@ impl Method for ModelAveraging {
         Box::new(Average {
             config: self.config.clone(),
             trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
+            doubtful: Doubtful::default(),
         })
     }
 }
@@ -110,6 +117,7 @@ impl Method for ModelAveraging {
 struct Average {
     config: Arc<Config>,
     trackers: Vec<Box<dyn Tracker>>,
+    doubtful: Doubtful,
 }
 
 impl Average {
@@ -154,6 +162,8 @@ impl Average {
         let radius = Gaussian::of_mixture(sizes);
         let innovations = parts.iter().filter_map(|(estimate, share)| Some((estimate.innovation?, *share)));
         let innovation = Innovation::of_mixture(innovations);
+        let is_contradicted = |(estimate, _): &&(&Estimate, f64)| estimate.model_doubtful == Some(true);
+        let contradicted: f64 = parts.iter().filter(is_contradicted).map(|(_, share)| share).sum();
         Some(Estimate {
             contact: leading.contact.shifted(place.mean),
             covariance_m2: place.covariance * self.config.covariance_factor,
@@ -162,6 +172,7 @@ impl Average {
             direction: direction(&parts),
             radius: radius.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
+            model_doubtful: Some(contradicted > 0.5 * known),
             ..*leading
         })
     }
@@ -185,6 +196,10 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
 impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
-        self.together(&estimates)
+        let together = self.together(&estimates)?;
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation);
+        let model_doubtful =
+            together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised(&self.config.doubt));
+        Some(Estimate { model_doubtful, ..together })
     }
 }

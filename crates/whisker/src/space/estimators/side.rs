@@ -129,6 +129,7 @@ impl Side {
             radius: None,
             calibrated: self.calibrated.domain.contains(at),
             innovation,
+            model_doubtful: None,
         })
     }
 

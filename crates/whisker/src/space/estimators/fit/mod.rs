@@ -164,6 +164,8 @@ pub(super) struct Fitter<Model, const N: usize> {
     round: Option<Round<N>>,
     lost: usize,
     log_evidence: LogEvidence,
+    /// Whether the readings of the last round contradict all modes.
+    contradicted: bool,
 }
 
 /// Logarithm of the evidence of the model.
@@ -219,6 +221,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             round: None,
             lost: 0,
             log_evidence: LogEvidence::default(),
+            contradicted: false,
         }
     }
 
@@ -290,7 +293,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             let evidence = self.weigh(&round.log_evidence, round.means.len());
             self.log_evidence = self.log_evidence.after(evidence, round.since);
             self.front = None;
-            if round.least_cost > CONTRADICTED * round.means.len() as f64 {
+            self.contradicted = round.least_cost > CONTRADICTED * round.means.len() as f64;
+            if self.contradicted {
                 self.start_again();
             }
         } else {
@@ -495,7 +499,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             let (unrest, log_evidence) = (self.unrest, self.log_evidence.anew());
             *self = Self { unrest, log_evidence, ..Self::new(&self.config, self.model, &self.knowledge) };
         }
-        estimate
+        estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate })
     }
 
     fn log_evidence(&self) -> Option<f64> {

@@ -1,5 +1,7 @@
 //! Messages of a stream as JSON lines: those between an evaluation and an external program, the other way round. They are
-//! specified in `docs/LIVE.md`.
+//! specified in `docs/LIVE.md`. Those of streams in space are in the module `space`.
+
+mod space;
 
 use std::fmt;
 
@@ -7,11 +9,12 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strict_json::{parse_json, shown};
-use testbed::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine};
+use testbed::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine, SpatialAnswerLine};
 use whisker::Whisker;
 use whisker::frames::{Base, Pose, World};
 
-use crate::estimator::Answer;
+use crate::estimator::{Answer, SpatialAnswer};
+pub use space::{SpatialLine, SpatialPriorLine, SpatialSampleLine, parse as parse_in_space};
 
 /// Key that only the first line of a whisker has.
 const PROTOCOL_KEY: &str = "protocol";
@@ -51,24 +54,24 @@ pub struct PriorLine {
 
 /// Later line: a reading, a pose, or both at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SampleLine {
+pub struct SampleLine<R = f64, P = Pose<Base, World>> {
     /// Name of the whisker, if there are several.
     pub name: Option<String>,
     /// Time.
     pub t_s: f64,
     /// Reading of the sensor.
-    pub reading_n_m: Option<f64>,
+    pub reading_n_m: Option<R>,
     /// Pose of the base in a frame at rest.
-    pub base: Option<Pose<Base, World>>,
+    pub base: Option<P>,
 }
 
 /// Line of a stream.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Line {
+pub enum Line<Q = PriorLine, R = f64, P = Pose<Base, World>> {
     /// Prior information.
-    Prior(Box<PriorLine>),
+    Prior(Box<Q>),
     /// Reading, pose or both.
-    Sample(SampleLine),
+    Sample(SampleLine<R, P>),
 }
 
 /// All keys of a later line. Those of the protocol that follow from the poses are read but not used.
@@ -121,9 +124,7 @@ impl fmt::Display for BadLine {
 /// # Errors
 /// [`BadLine`] if it is no message.
 pub fn parse(line: &str) -> Result<Line, BadLine> {
-    let is_prior = line.contains(PROTOCOL_KEY)
-        && serde_json::from_str::<Value>(line).is_ok_and(|value| value.get(PROTOCOL_KEY).is_some());
-    if is_prior {
+    if is_prior(line) {
         return Ok(Line::Prior(Box::new(strict(line)?)));
     }
     let keys: Keys = strict(line)?;
@@ -140,16 +141,55 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
     Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading_n_m: keys.reading_n_m, base }))
 }
 
-/// Answer to a reading of the whisker with this name.
-pub fn answer_line(name: Option<&str>, answer: &Answer) -> AnswerLine {
-    AnswerLine {
-        name: name.map(Into::into),
-        t_s: Some(answer.t_s),
-        status: Some(answer.status.name().into()),
-        base_x_m: answer.base.map(|base| base.origin().x()),
-        base_y_m: answer.base.map(|base| base.origin().y()),
-        base_yaw_rad: answer.base.map(|base| base.yaw_rad()),
-        ..AnswerLine::new(answer.estimate.as_ref())
+/// Whether a line is the first one of a whisker.
+fn is_prior(line: &str) -> bool {
+    line.contains(PROTOCOL_KEY)
+        && serde_json::from_str::<Value>(line).is_ok_and(|value| value.get(PROTOCOL_KEY).is_some())
+}
+
+/// An answer that is written as a line.
+pub trait Written {
+    /// The line.
+    type Line: Serialize;
+
+    /// Answer to a reading of the whisker with this name.
+    fn line(&self, name: Option<&str>) -> Self::Line;
+}
+
+impl Written for Answer {
+    type Line = AnswerLine;
+
+    fn line(&self, name: Option<&str>) -> AnswerLine {
+        AnswerLine {
+            name: name.map(Into::into),
+            t_s: Some(self.t_s),
+            status: Some(self.status.name().into()),
+            base_x_m: self.base.map(|base| base.origin().x()),
+            base_y_m: self.base.map(|base| base.origin().y()),
+            base_yaw_rad: self.base.map(|base| base.yaw_rad()),
+            ..AnswerLine::new(self.estimate.as_ref())
+        }
+    }
+}
+
+impl Written for SpatialAnswer {
+    type Line = SpatialAnswerLine;
+
+    fn line(&self, name: Option<&str>) -> SpatialAnswerLine {
+        let turn = self.base.map(|base| base.rotation.into_inner());
+        SpatialAnswerLine {
+            name: name.map(Into::into),
+            t_s: Some(self.t_s),
+            status: Some(self.status.name().into()),
+            base_x_m: self.base.map(|base| base.position.x),
+            base_y_m: self.base.map(|base| base.position.y),
+            base_z_m: self.base.map(|base| base.position.z),
+            base_qw: turn.map(|turn| turn.w),
+            base_qx: turn.map(|turn| turn.i),
+            base_qy: turn.map(|turn| turn.j),
+            base_qz: turn.map(|turn| turn.k),
+            ..SpatialAnswerLine::new(self.estimate.as_ref())
+        }
     }
 }
 

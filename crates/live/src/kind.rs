@@ -1,0 +1,141 @@
+//! What the streams of the plane and of space differ in: readings, poses and estimator.
+
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use nalgebra::Vector2;
+use testbed::replay::Steps;
+use testbed::space::replay::SpatialSteps;
+use trace::{Instant, SpatialPose};
+use whisker::ReadingGate;
+use whisker::estimators::{self, OutlinePoint};
+use whisker::frames::{Base, Pose, World};
+use whisker::space;
+
+/// An estimator of one whisker with its readings and poses.
+pub trait Kind: Send {
+    /// Reading at one instant (N m).
+    type Reading: Copy + Debug + PartialEq + Send;
+    /// Pose of the base.
+    type Base: Copy + Debug + PartialEq + Send;
+    /// Estimate of the contact.
+    type Estimate: Copy + Debug + PartialEq + Send;
+
+    /// Whether all values of a reading are finite.
+    fn is_finite(reading_n_m: &Self::Reading) -> bool;
+
+    /// Whether the estimator uses a reading, which is at most the largest plausible one.
+    fn admits(&self, reading_n_m: &Self::Reading) -> bool;
+
+    /// Takes the next instant, and appends the estimates that are final.
+    fn push(
+        &mut self,
+        t_s: f64,
+        base: &Self::Base,
+        reading_n_m: Self::Reading,
+        estimates: &mut Vec<Option<Self::Estimate>>,
+    );
+
+    /// Appends the estimates that are still held, at the end of the stream.
+    fn end(&mut self, estimates: &mut Vec<Option<Self::Estimate>>);
+
+    /// Whether estimates of the present contact are held, because they may be revised.
+    fn is_following(&self) -> bool;
+}
+
+/// Estimator in the plane, whose reading is the bending moment at the root (N m).
+pub struct Planar {
+    gate: ReadingGate,
+    /// Whether the estimates of a contact are revised at its end.
+    looks_back: bool,
+    estimator: estimators::Estimator,
+    steps: Steps,
+}
+
+impl Planar {
+    pub(crate) fn new(estimator: estimators::Estimator, gate: ReadingGate, looks_back: bool) -> Self {
+        Self { gate, looks_back, estimator, steps: Steps::default() }
+    }
+
+    /// Outline of the object that is touched, or was touched last.
+    pub(crate) fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.estimator.outline().map(|outline| outline.points)
+    }
+}
+
+impl Kind for Planar {
+    type Reading = f64;
+    type Base = Pose<Base, World>;
+    type Estimate = estimators::Estimate;
+
+    fn is_finite(reading_n_m: &f64) -> bool {
+        reading_n_m.is_finite()
+    }
+
+    fn admits(&self, reading_n_m: &f64) -> bool {
+        self.gate.admits(*reading_n_m)
+    }
+
+    fn push(
+        &mut self,
+        t_s: f64,
+        base: &Pose<Base, World>,
+        reading_n_m: f64,
+        estimates: &mut Vec<Option<estimators::Estimate>>,
+    ) {
+        let now = Instant { t_s, base: *base, twist: None, moment_z_n_m: reading_n_m, rotation_z_rad: None };
+        self.estimator.push(&self.steps.sample(&now, reading_n_m), estimates);
+    }
+
+    fn end(&mut self, estimates: &mut Vec<Option<estimators::Estimate>>) {
+        self.estimator.end(estimates);
+    }
+
+    fn is_following(&self) -> bool {
+        self.looks_back && self.estimator.is_following()
+    }
+}
+
+/// Estimator in space, whose readings are the bending moments at the root about y and z of Base (N m), 2x1.
+pub struct Spatial {
+    gate: ReadingGate,
+    estimator: space::estimators::Estimator,
+    steps: SpatialSteps,
+}
+
+impl Spatial {
+    pub(crate) fn new(estimator: space::estimators::Estimator, knowledge: &Arc<space::estimators::Knowledge>) -> Self {
+        let gate = ReadingGate::new(knowledge.calibrated.largest_reading_n_m);
+        Self { gate, estimator, steps: SpatialSteps::default() }
+    }
+}
+
+impl Kind for Spatial {
+    type Reading = Vector2<f64>;
+    type Base = SpatialPose;
+    type Estimate = space::estimators::Estimate;
+
+    fn is_finite(reading_n_m: &Vector2<f64>) -> bool {
+        reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite())
+    }
+
+    fn admits(&self, reading_n_m: &Vector2<f64>) -> bool {
+        reading_n_m.iter().all(|moment_n_m| self.gate.admits(*moment_n_m))
+    }
+
+    fn push(
+        &mut self,
+        t_s: f64,
+        base: &SpatialPose,
+        reading_n_m: Vector2<f64>,
+        estimates: &mut Vec<Option<space::estimators::Estimate>>,
+    ) {
+        estimates.push(self.estimator.step(&self.steps.sample(t_s, base, reading_n_m)));
+    }
+
+    fn end(&mut self, _: &mut Vec<Option<space::estimators::Estimate>>) {}
+
+    fn is_following(&self) -> bool {
+        false
+    }
+}

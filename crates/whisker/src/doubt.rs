@@ -1,0 +1,100 @@
+//! Signal that the readings contradict the models of a method, common to model averages of the plane and of space.
+
+use filters::Innovation;
+use serde::{Deserialize, Serialize};
+
+use crate::settings::{SettingsError, within};
+
+/// Settings of the signal that the models are in doubt.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct DoubtSettings {
+    /// Time over which the mixture's normalised innovations squared, per reading, are averaged (exponentially).
+    pub window_s: f64,
+    /// Largest value that counts, which bounds the influence of an outlier.
+    pub most_nis: f64,
+    /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
+    /// detects more and raises more false alarms.
+    pub nis: f64,
+}
+
+impl Default for DoubtSettings {
+    /// Chosen on the training suite of random scenes in the plane.
+    fn default() -> Self {
+        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0 }
+    }
+}
+
+impl DoubtSettings {
+    /// # Errors
+    /// [`SettingsError`] if a value is out of range.
+    pub(crate) fn validate(&self) -> Result<(), SettingsError> {
+        within("doubt.window_s", self.window_s, 1e-3..=1e3)?;
+        within("doubt.most_nis", self.most_nis, 1.0..=1e6)?;
+        within("doubt.nis", self.nis, 1.0..=1e6)
+    }
+}
+
+/// Signal that the readings contradict the mixture: the running mean of its normalised innovations squared per reading, with the
+/// covariance of the predictive distribution that all candidates together have. Candidates that disagree with one
+/// another widen it and do not raise the signal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubtful {
+    nis: f64,
+}
+
+impl Default for Doubtful {
+    fn default() -> Self {
+        Self { nis: 1.0 }
+    }
+}
+
+impl Doubtful {
+    /// Takes the mixture's innovation after a step.
+    pub(crate) fn advance<const M: usize>(
+        &mut self,
+        settings: &DoubtSettings,
+        dt_s: f64,
+        innovation: Option<Innovation<M>>,
+    ) {
+        let Some(Innovation { nis, .. }) = innovation else { return };
+        let per_reading = nis / M as f64;
+        self.nis += (per_reading.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
+    }
+
+    /// Whether the models are in doubt.
+    pub(crate) fn is_raised(&self, settings: &DoubtSettings) -> bool {
+        self.nis > settings.nis
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix1, Matrix2, vector};
+
+    use super::*;
+
+    /// Samples until the signal is raised, of at most 1000, and the same with two readings of that NIS each.
+    fn raised(nis: impl Fn(usize) -> f64) -> Option<usize> {
+        let settings = DoubtSettings::default();
+        let (mut one, mut two) = (Doubtful::default(), Doubtful::default());
+        (0..1000).find(|&i| {
+            let residual = nis(i).sqrt();
+            one.advance(&settings, 0.01, Innovation::of(vector![residual], Matrix1::new(1.0)));
+            two.advance(&settings, 0.01, Innovation::of(vector![residual, -residual], Matrix2::identity()));
+            assert!((one.nis - two.nis).abs() < 1e-12 * one.nis);
+            one.is_raised(&settings)
+        })
+    }
+
+    #[test]
+    fn verif_doubt_is_raised_by_lasting_innovations() {
+        // Squares of an evenly spaced quantile sample of the normal distribution, with mean about 1.
+        let consistent = |i: usize| [0.01, 3.2, 0.3, 0.02, 0.9, 0.2, 2.3, 1.1][i % 8];
+        assert_eq!(raised(consistent), None);
+        let lasting = raised(|_| 6.0).unwrap();
+        assert!((20..100).contains(&lasting), "{lasting}");
+        // An outlier now and then is none.
+        assert_eq!(raised(|i| if i % 50 == 0 { 1e4 } else { consistent(i) }), None);
+    }
+}
