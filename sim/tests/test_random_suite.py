@@ -30,7 +30,7 @@ from whisker_sim.whisker import resolve_whisker
 from conftest import SCENES
 
 HELD_OUT, TRAINING = SCENES / "suites/random.json", SCENES / "suites/random_training.json"
-IN_SPACE = SCENES / "suites/random_space.json"
+IN_SPACE, TRAINING_IN_SPACE = SCENES / "suites/random_space.json", SCENES / "suites/random_space_training.json"
 
 
 def sets_of(path: Path, redrawn: Redrawn | None = None) -> list[Run]:
@@ -54,6 +54,29 @@ def test_verif_settings_and_reports_use_disjoint_scenes():
     seeds = {run.scene.seed for run in (*sets_of(TRAINING), *sets_of(HELD_OUT))}
     for seed in (*seeds, 2, 3):
         assert set(contents(sets_of(TRAINING, Redrawn(seed, 20)))).isdisjoint(held_out)
+
+
+def test_verif_settings_and_reports_use_disjoint_scenes_in_space():
+    """No valid scene in space of the suite for settings occurs in the suite for reports, with the same seed or another."""
+    training, held_out = contents_in_space(sets_of(TRAINING_IN_SPACE)), contents_in_space(sets_of(IN_SPACE))
+    assert len(set(training)) == len(training) > 25
+    assert len(set(held_out)) == len(held_out) > 60
+    assert set(training).isdisjoint(held_out)
+    for seed in {run.scene.seed for run in (*sets_of(TRAINING_IN_SPACE), *sets_of(IN_SPACE))}:
+        assert set(contents_in_space(sets_of(TRAINING_IN_SPACE, Redrawn(seed, 20)))).isdisjoint(held_out)
+
+
+def contents_in_space(runs: list[Run]) -> list[str]:
+    """Hash of what is drawn of each valid scene, as first drawn, without its names."""
+    drawn = []
+    for run in (run for run in runs if _is_valid(run, 0)):
+        for trace in range(run.scene.traces):
+            try:
+                scene = run.scene.draw(0).scene(trace, 0)
+            except ValueError:
+                continue
+            drawn.append(to_json([scene.solid, scene.motion, scene.seed, scene.rate_hz]))
+    return [hashlib.sha256(values).hexdigest() for values in drawn]
 
 
 def test_verif_a_set_depends_on_suite_seed_and_number_alone():
