@@ -610,7 +610,6 @@ impl Tracker for AveragingTracker {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::vector;
 
     use super::*;
     use crate::estimators::side::Side;
