@@ -55,8 +55,8 @@ const CONTRADICTED: f64 = 2.0;
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
 
-/// Time without a contact after which the object is given up.
-const LOST_S: f64 = 0.2;
+/// Consecutive samples without a contact after which the object is given up.
+const LOST: usize = 50;
 
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,11 +75,8 @@ pub(super) struct Config {
     pub(super) prune_share: f64,
     /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
     pub(super) gate_sds: f64,
-    /// Means that are evaluated per second, so that the delay of a search does not depend on the sampling rate.
-    pub(super) means_per_s: f64,
-    /// Smallest and largest number of means that are evaluated per sample; the latter bounds the time of a step.
-    pub(super) least_means: usize,
-    pub(super) most_means: usize,
+    /// Means that are evaluated per sample, which bounds the time of a step.
+    pub(super) means_per_step: usize,
     /// Standard deviation of the contact for deviations of the object from its model.
     pub(super) deviation_m: f64,
 }
@@ -94,20 +91,13 @@ impl Config {
             kept_modes: 3,
             prune_share: 1e-2,
             gate_sds: 5.0,
-            means_per_s: 2000.0,
-            least_means: 8,
-            most_means: 40,
+            means_per_step: 8,
             deviation_m: 5e-6,
         }
     }
 }
 
 impl Config {
-    /// Number of means that are evaluated in a sample of this duration.
-    fn means(&self, dt_s: f64) -> usize {
-        ((self.means_per_s * dt_s).round() as usize).clamp(self.least_means, self.most_means)
-    }
-
     /// Settings of the filter with which a touch begins.
     pub(super) fn filter(&self, motion: MotionSettings) -> follower::Config {
         follower::Config { hypotheses: self.hypotheses, ..follower::Config::new(motion) }
@@ -121,9 +111,7 @@ impl Settings for Config {
         within("kept_modes", self.kept_modes as f64, 1.0..=100.0)?;
         within("prune_share", self.prune_share, 0.0..=0.5)?;
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
-        within("means_per_s", self.means_per_s, 0.0..=1e6)?;
-        within("least_means", self.least_means as f64, 1.0..=1e4)?;
-        within("most_means", self.most_means as f64, self.least_means as f64..=1e4)?;
+        within("means_per_step", self.means_per_step as f64, 1.0..=1e4)?;
         within("deviation_m", self.deviation_m, 0.0..=0.1)?;
         self.filter(self.motion).validate()
     }
@@ -174,8 +162,7 @@ pub(super) struct Fitter<Model, const N: usize> {
     starts: Vec<Mode<N>>,
     next_start: usize,
     round: Option<Round<N>>,
-    /// Time since the last sample with a contact.
-    lost_s: f64,
+    lost: usize,
     log_evidence: LogEvidence,
     /// Whether the readings of the last round contradict all modes.
     contradicted: bool,
@@ -232,7 +219,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             starts: Vec::new(),
             next_start: 0,
             round: None,
-            lost_s: 0.0,
+            lost: 0,
             log_evidence: LogEvidence::default(),
             contradicted: false,
         }
@@ -267,8 +254,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         beliefs.take(self.config.modes).filter_map(mode).collect()
     }
 
-    /// Goes on with the searches by a number of means.
-    fn search(&mut self, means: usize) {
+    /// Goes on with the searches.
+    fn search(&mut self) {
         let Some(round) = &mut self.round else {
             self.round = self.search_of(0).map(|search| Round {
                 means: self.readings.means().to_vec(),
@@ -280,9 +267,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             });
             return;
         };
-        let gate_sds = self.config.gate_sds;
+        let Config { gate_sds, means_per_step, .. } = self.config;
         let evidence = Evidence { side: &self.side, shape: &self.model, means: &round.means, gate_sds };
-        if !round.search.advance(&evidence, means) {
+        if !round.search.advance(&evidence, means_per_step) {
             return;
         }
         let Some(mut round) = self.round.take() else { return };
@@ -446,7 +433,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             .filter(|(belief, ..)| belief.is_finite())
             .collect();
         self.modes = modes;
-        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s } else { 0.0 };
+        self.lost = if beliefs.is_empty() { self.lost + 1 } else { 0 };
         if beliefs.is_empty() {
             // Without a contact there, the object explains no reading.
             self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
@@ -506,9 +493,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
                     self.starts = self.modes.clone();
                 }
             }
-            _ => self.search(self.config.means(sample.dt_s)),
+            _ => self.search(),
         }
-        if self.front.is_none() && (self.lost_s >= LOST_S || self.modes.is_empty()) {
+        if self.front.is_none() && (self.lost >= LOST || self.modes.is_empty()) {
             let (unrest, log_evidence) = (self.unrest, self.log_evidence.anew());
             *self = Self { unrest, log_evidence, ..Self::new(&self.config, self.model, &self.knowledge) };
         }
@@ -523,17 +510,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn verif_the_number_of_means_per_second_hardly_depends_on_the_sampling_rate() {
-        let config = Config::new(MotionSettings::line());
-        for rate_hz in [100.0, 125.0, 200.0, 250.0] {
-            let per_s = rate_hz * config.means(1.0 / rate_hz) as f64;
-            assert!((per_s - config.means_per_s).abs() < 1e-6, "{per_s} at {rate_hz} Hz");
-        }
-        assert_eq!(config.means(1e-3), config.least_means);
-        assert_eq!(config.means(1.0), config.most_means, "after a gap of the readings");
-    }
 
     #[test]
     fn regress_a_round_without_a_solution_keeps_the_evidence_since_the_last_one() {
