@@ -133,7 +133,8 @@ def test_verif_updates_with_poses_equal_the_replay(trace, calibration):
             assert np.array_equal(estimate.contact, replay.contact[row])
             assert np.array_equal([estimate.radius_m or np.nan], replay.radius_m[row : row + 1], equal_nan=True)
             assert estimate.model_doubtful == replay.model_doubtful[row]
-    assert np.isfinite(replay.radius_m).any() and np.isfinite(replay.radius_sd_m).any()
+    assert np.isfinite(replay.radius_m).any()
+    assert np.isfinite(replay.radius_sd_m).any()
     with pytest.raises(ValueError, match="t_s: found"):
         estimator.update(t_s[-1], tuple(base[-1]), readings[-1])
 

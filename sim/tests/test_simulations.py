@@ -3,12 +3,17 @@
 import json
 
 import msgspec
+import mujoco
+import mujoco.rollout
+import numpy as np
 import pytest
 
 from whisker_sim import cli
 from whisker_sim.cli import main
+from whisker_sim.errors import SimulationError
 from whisker_sim.runs import load_runs
 from whisker_sim.scene import SIMULATIONS, Simulation
+from whisker_sim.simulate import roll
 
 
 @pytest.mark.parametrize("name", SIMULATIONS)
@@ -64,3 +69,15 @@ def test_robust_traces_with_other_settings_are_kept(write_scene, tmp_path, capsy
     assert "up to date" in capsys.readouterr().err
     assert main([*command, "--simulation", "fast", "--force"]) == 0
     assert (tmp_path / "out/sweep.csv").read_bytes() != kept
+
+
+def test_robust_a_failure_of_mujoco_is_an_error_of_the_simulation(monkeypatch):
+    """As if the contacts needed more memory than the model has: the scene fails, not the program."""
+
+    def fails(*_, **__):
+        raise mujoco.FatalError("mj_stackAlloc: out of memory")
+
+    monkeypatch.setattr(mujoco.rollout, "rollout", fails)
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(SimulationError, match="^MuJoCo fails: mj_stackAlloc: out of memory$"):
+        next(roll(model, mujoco.MjData(model), np.zeros((1, 0)), 1))

@@ -197,14 +197,18 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
     """Integrates from the state of `data` with the controls (n, nu), one per step; yields the results of `chunk` steps at a time.
 
     Yields full physics states after each step, and sensor data, which belong to the state before the step. Raises `SimulationError`
-    on a warning from MuJoCo or a state that is not finite.
+    on a warning or a failure of MuJoCo or a state that is not finite.
     """
     _warnings.clear()
     state, timestep_s = full_state(model, data), model.opt.timestep
     for start in range(0, len(controls), chunk):
         control = controls[start : start + chunk]
         warmstart = data.qacc_warmstart.copy()
-        after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
+        try:
+            after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
+        except mujoco.FatalError as error:
+            # As when the contacts need more memory than the model has.
+            raise SimulationError(f"MuJoCo fails: {error}") from None
         _check_physics(after[0], start * timestep_s, timestep_s)
         report_share(min(1.0, (start + chunk) / len(controls)))
         yield after[0], readings[0]

@@ -31,13 +31,16 @@ pub struct Message<R = f64, P = Pose<Base, World>> {
     pub content: Content<R, P>,
 }
 
+/// Time, pose of the base and reading of an instant.
+type Row<P, R> = (f64, P, R);
+
 /// Message of a whisker in space.
 pub type SpatialMessage = Message<Vector2<f64>, SpatialPose>;
 
 /// Messages of the recordings of some whiskers with their readings, in order of arrival. Without disturbance each arrives at
 /// its own time, poses before readings. The seed is that of the disturbance.
 pub fn messages(recordings: &[(&Recording, &[f64])], disturbance: &Disturbance, seed: u64) -> Vec<Message> {
-    let streams: Vec<Vec<(f64, Pose<Base, World>, f64)>> = recordings
+    let streams: Vec<Vec<Row<Pose<Base, World>, f64>>> = recordings
         .iter()
         .map(|(recording, readings_n_m)| {
             let rows = recording.instants.iter().zip(readings_n_m.iter());
@@ -53,7 +56,7 @@ pub fn messages_in_space(
     disturbance: &Disturbance,
     seed: u64,
 ) -> Vec<SpatialMessage> {
-    let streams: Vec<Vec<(f64, SpatialPose, Vector2<f64>)>> = recordings
+    let streams: Vec<Vec<Row<SpatialPose, Vector2<f64>>>> = recordings
         .iter()
         .map(|(recording, readings_n_m)| {
             let rows = recording.instants.iter().zip(readings_n_m.iter());
@@ -63,9 +66,9 @@ pub fn messages_in_space(
     arriving(&streams, disturbance, seed)
 }
 
-/// Messages of the rows of some whiskers: time, pose and reading.
+/// Messages of the rows of some whiskers.
 fn arriving<R: Copy, P: Copy>(
-    whiskers: &[Vec<(f64, P, R)>],
+    whiskers: &[Vec<Row<P, R>>],
     disturbance: &Disturbance,
     seed: u64,
 ) -> Vec<Message<R, P>> {
