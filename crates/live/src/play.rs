@@ -67,11 +67,7 @@ pub fn messages_in_space(
 }
 
 /// Messages of the rows of some whiskers.
-fn arriving<R: Copy, P: Copy>(
-    whiskers: &[Vec<Row<P, R>>],
-    disturbance: &Disturbance,
-    seed: u64,
-) -> Vec<Message<R, P>> {
+fn arriving<R: Copy, P: Copy>(whiskers: &[Vec<Row<P, R>>], disturbance: &Disturbance, seed: u64) -> Vec<Message<R, P>> {
     let mut all = Vec::new();
     for (whisker, rows) in whiskers.iter().enumerate() {
         let times_s: Vec<f64> = rows.iter().map(|(t_s, ..)| *t_s).collect();

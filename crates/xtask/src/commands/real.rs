@@ -31,7 +31,8 @@ pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     let out = format!("results/{RUN}");
     step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
-    kept::keep(RUN, &["space_maps.csv", "space_pins_summary.csv", "space_sweeps.csv", "space_settings.json"])
+    kept::keep(RUN, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
+    kept::keep(RUN, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
 }
 
 /// Folder of the recordings, as a path that does not depend on the working directory.
