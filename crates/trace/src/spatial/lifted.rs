@@ -1,4 +1,4 @@
-//! Planar traces as traces in space: nothing leaves the plane, so that one of both bending moments is zero.
+//! Planar traces as traces in space: nothing leaves the plane, so that one of the two bending moments is zero.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use whisker::frames::{Point, World};

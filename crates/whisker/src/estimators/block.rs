@@ -13,9 +13,10 @@ use crate::settings::{SettingsError, within};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct BlockSettings {
-    /// Largest number of samples of a block. 1: every sample is taken by itself.
+    /// Largest number of samples of a block. 1: every sample is taken by itself, as hindsight methods do.
     pub samples: u32,
-    /// Way of the whisker's tip by the motion of the base, with the whisker undeflected, that ends a block.
+    /// Displacement (m) at which a block ends: that of the base since the mean of the last block, plus the whisker's length times
+    /// its turn. It bounds that of the tip of the undeflected whisker.
     pub way_m: f64,
     /// Normalised innovation squared of a block after which samples are taken one by one: the contact may have jumped.
     pub alert_nis: f64,

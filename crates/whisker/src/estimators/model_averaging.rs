@@ -215,6 +215,10 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 
 fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let config: Config = parse(config)?;
+    if looks_back {
+        // Revised estimates are those of single samples.
+        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
+    }
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
         let settings = extended((row.defaults)(), &candidate.settings);
@@ -532,7 +536,7 @@ impl AveragingTracker {
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let is_ahead = self.watched.as_mut().is_some_and(|watched| {
             watched.step((sample, count), jumps, innovation, self.config.gate_sds, &self.config.watched);
-            watched.is_raised()
+            watched.is_raised(&self.config.watched)
         });
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || is_ahead;
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
@@ -741,6 +745,18 @@ mod tests {
         let shares = tracker.right.probabilities();
         assert!((shares[2] - 0.4).abs() < 1e-5, "{shares:?}");
         assert!((shares[0] / shares[1] - 1.0_f64.exp()).abs() < 1e-9, "{shares:?}");
+    }
+
+    #[test]
+    fn robust_methods_that_smooth_take_no_blocks() {
+        let knowledge = Arc::new(knowledge());
+        let config = |samples| {
+            let block = BlockSettings { samples, ..BlockSettings::default() };
+            serde_json::to_value(Config { block, ..Config::hindsight() }).unwrap()
+        };
+        assert!(build_hindsight(&config(1), &knowledge).is_ok());
+        let refused = build_hindsight(&config(2), &knowledge).err().unwrap().to_string();
+        assert!(refused.contains("block.samples"), "{refused}");
     }
 
     #[test]

@@ -10,7 +10,8 @@
 //! where `g` is the derivative of the reading by `b` (Schmidt, "Application of state-space methods to navigation problems",
 //! Advances in Control Systems 3, 1966; Jazwinski, *Stochastic Processes and Filtering Theory*, 1970, section 8.4). The
 //! errors add `s s' sd^2` to the stated covariance, with their prior standard deviations `sd`. Mean, gain and evidence remain those
-//! of the filter without errors.
+//! of the filter without errors. After a search for the contact the sensitivities are those of the former hypothesis until readings
+//! have replaced them.
 
 use filters::{Gaussian, Measurement};
 use nalgebra::{Matrix1x3, Matrix2, SMatrix, Vector3};
@@ -65,7 +66,7 @@ impl Default for SystematicSettings {
 pub(super) struct Systematic<const N: usize> {
     /// Derivatives of the error of the mean by the errors.
     by_error: SMatrix<f64, N, ERRORS>,
-    /// Time since the first touch.
+    /// Time since the tracker began; of the time between touches at most that of the kept history counts.
     time_s: f64,
     /// Largest calibrated reading.
     unit_n_m: f64,

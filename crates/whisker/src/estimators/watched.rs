@@ -39,6 +39,9 @@ impl WatchedSettings {
     }
 }
 
+/// Largest sum of the evidence over its threshold.
+const MOST_EVIDENCE: f64 = 2.0;
+
 /// The method on one contact.
 pub(super) struct Watched {
     method: Arc<dyn Method>,
@@ -66,11 +69,13 @@ impl Watched {
         let own = self.tracker.step_mean(sample, count).and_then(|estimate| estimate.innovation);
         self.tracker.expect_jumps(jumps);
         self.evidence.advance(own, of_mixture, gate_sds);
+        // Without a bound the signal would stay raised for long on the next object.
+        self.evidence.sum = self.evidence.sum.min(MOST_EVIDENCE * settings.evidence);
         let is_ahead = self.evidence.sum > settings.evidence;
         self.held_s = if is_ahead { settings.hold_s } else { self.held_s - sample.dt_s };
     }
 
-    /// Begins the next touch.
+    /// Begins the next touch, which may be of the same object: the evidence is kept.
     pub(super) fn resume(&mut self, touch: &Touch<'_>) {
         if !self.tracker.resume(touch) {
             self.tracker = self.method.begin(touch);
@@ -78,8 +83,8 @@ impl Watched {
     }
 
     /// Whether the models are in doubt.
-    pub(super) fn is_raised(&self) -> bool {
-        self.held_s > 0.0
+    pub(super) fn is_raised(&self, settings: &WatchedSettings) -> bool {
+        self.evidence.sum > settings.evidence || self.held_s > 0.0
     }
 }
 
@@ -90,7 +95,7 @@ struct Evidence {
 }
 
 impl Evidence {
-    /// Takes the innovations of one reading. Without both of them it is no evidence.
+    /// Takes the innovations of one reading. If either is missing, the reading is no evidence.
     fn advance(&mut self, own: Option<Innovation<1>>, of_mixture: Option<Innovation<1>>, gate_sds: f64) {
         let (Some(own), Some(of_mixture)) = (own, of_mixture) else { return };
         let [own, of_mixture] = [own, of_mixture].map(|found| robust::log_likelihood(&found, gate_sds));
