@@ -1,4 +1,4 @@
-//! What the streams of the plane and of space differ in: readings, poses and estimator.
+//! Kinds of streams, in the plane and in space, with their types of readings, poses and estimates.
 
 use std::fmt::Debug;
 use std::sync::Arc;

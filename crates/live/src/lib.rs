@@ -101,6 +101,6 @@ pub use event::{Event, Stream};
 pub use kind::{Kind, Planar, Spatial};
 pub use motion::{Deviation, Motion, Place};
 pub use play::{Content, Message, SpatialMessage, messages, messages_in_space, play};
-pub use poses::{Poses, SpatialPoses};
+pub use poses::{Posed, Poses, SpatialPoses};
 pub use samples::{Sampled, Samples};
 pub use timing::Timing;

@@ -40,13 +40,10 @@ pub type SpatialMessage = Message<Vector2<f64>, SpatialPose>;
 /// Messages of the recordings of some whiskers with their readings, in order of arrival. Without disturbance each arrives at
 /// its own time, poses before readings. The seed is that of the disturbance.
 pub fn messages(recordings: &[(&Recording, &[f64])], disturbance: &Disturbance, seed: u64) -> Vec<Message> {
-    let streams: Vec<Vec<Row<Pose<Base, World>, f64>>> = recordings
-        .iter()
-        .map(|(recording, readings_n_m)| {
-            let rows = recording.instants.iter().zip(readings_n_m.iter());
-            rows.map(|(now, reading_n_m)| (now.t_s, now.base, *reading_n_m)).collect()
-        })
-        .collect();
+    let of = |(recording, readings_n_m): &(&Recording, &[f64])| {
+        rows(&recording.instants, readings_n_m, |now| (now.t_s, now.base))
+    };
+    let streams: Vec<_> = recordings.iter().map(of).collect();
     arriving(&streams, disturbance, seed)
 }
 
@@ -56,14 +53,20 @@ pub fn messages_in_space(
     disturbance: &Disturbance,
     seed: u64,
 ) -> Vec<SpatialMessage> {
-    let streams: Vec<Vec<Row<SpatialPose, Vector2<f64>>>> = recordings
-        .iter()
-        .map(|(recording, readings_n_m)| {
-            let rows = recording.instants.iter().zip(readings_n_m.iter());
-            rows.map(|(now, reading_n_m)| (now.t_s, now.base, *reading_n_m)).collect()
-        })
-        .collect();
+    let of = |(recording, readings_n_m): &(&SpatialRecording, &[Vector2<f64>])| {
+        rows(&recording.instants, readings_n_m, |now| (now.t_s, now.base))
+    };
+    let streams: Vec<_> = recordings.iter().map(of).collect();
     arriving(&streams, disturbance, seed)
+}
+
+/// Rows of a recording's instants, of which `of` is time and pose, with their readings.
+fn rows<I, R: Copy, P>(instants: &[I], readings_n_m: &[R], of: impl Fn(&I) -> (f64, P)) -> Vec<Row<P, R>> {
+    let row = |(now, reading_n_m): (&I, &R)| {
+        let (t_s, base) = of(now);
+        (t_s, base, *reading_n_m)
+    };
+    instants.iter().zip(readings_n_m).map(row).collect()
 }
 
 /// Messages of the rows of some whiskers.

@@ -9,88 +9,95 @@ use crate::clock::Clock;
 use crate::motion::{Motion, Place};
 use crate::samples::{Sampled, Samples};
 
-/// Poses of the base in order of time.
-#[derive(Clone, Debug, Default)]
-pub struct Poses {
-    samples: Samples<Pose<Base, World>>,
+/// A pose of a base that streams measure.
+pub trait Posed: Copy + Send {
+    /// Whether all of its values are finite.
+    fn is_finite(&self) -> bool;
+
+    /// The same pose, represented as the continuation of a neighbour in time. Default: as it is.
+    fn continued(self, _beside: &Self) -> Self {
+        self
+    }
+
+    /// Pose at a share of the way from one to another.
+    fn between(before: &Self, after: &Self, share: f64) -> Self;
 }
 
-impl Motion for Poses {
-    type Measured = Pose<Base, World>;
-    type Base = Pose<Base, World>;
-
-    fn is_finite(&self, pose: &Pose<Base, World>) -> bool {
-        let at = pose.origin();
-        [at.x(), at.y(), pose.yaw_rad()].into_iter().all(f64::is_finite)
+impl Posed for Pose<Base, World> {
+    fn is_finite(&self) -> bool {
+        let at = self.origin();
+        [at.x(), at.y(), self.yaw_rad()].into_iter().all(f64::is_finite)
     }
 
-    fn clock(&mut self, _pose: &Pose<Base, World>) -> Option<&mut Clock> {
-        Some(&mut self.samples.clock)
+    /// The yaw is continued by whole turns.
+    fn continued(self, beside: &Self) -> Self {
+        let turns = ((beside.yaw_rad() - self.yaw_rad()) / TAU).round();
+        if turns == 0.0 { self } else { turned(&self, turns * TAU) }
     }
 
-    fn is_before_all(&self, t_s: f64, _pose: &Pose<Base, World>) -> bool {
-        self.samples.is_before_all(t_s)
+    /// The yaw by the shorter way.
+    fn between(before: &Self, after: &Self, share: f64) -> Self {
+        let (from, to) = (before.origin().vector(), after.origin().vector());
+        let turn_rad = after.yaw_rad() - before.yaw_rad();
+        let turn_rad = turn_rad - TAU * (turn_rad / TAU).round();
+        let at = from + (to - from) * share;
+        Pose::new(at.x, at.y, before.yaw_rad() + turn_rad * share)
+    }
+}
+
+impl Posed for SpatialPose {
+    fn is_finite(&self) -> bool {
+        self.position.iter().chain(self.rotation.coords.iter()).all(|number| number.is_finite())
     }
 
-    /// The yaw is continued from the pose before by whole turns.
-    fn insert(&mut self, t_s: f64, pose: Pose<Base, World>) -> bool {
-        let beside = self.samples.beside(t_s);
-        let turns = beside.map_or(0.0, |beside| ((beside.yaw_rad() - pose.yaw_rad()) / TAU).round());
-        self.samples.insert(t_s, if turns == 0.0 { pose } else { turned(&pose, turns * TAU) })
-    }
-
-    /// The pose with that time or, by linear interpolation, between its neighbours if they are at most `gap_s` apart.
-    fn at(&self, t_s: f64, gap_s: f64) -> Place {
-        match self.samples.at(t_s, gap_s, between) {
-            Sampled::At(pose) => Place::At(pose),
-            Sampled::Pending => Place::Pending,
-            Sampled::Unknown => Place::Unknown,
+    /// The position is interpolated linearly, the rotation by a share of the shorter angle. Of two opposite rotations, the first.
+    fn between(before: &Self, after: &Self, share: f64) -> Self {
+        Self {
+            position: before.position + (after.position - before.position) * share,
+            rotation: before.rotation.try_slerp(&after.rotation, share, f64::EPSILON).unwrap_or(before.rotation),
         }
     }
+}
 
-    fn newest_s(&self) -> Option<f64> {
-        self.samples.newest_s()
-    }
+/// Poses of the base in order of time, interpolated between neighbours.
+#[derive(Clone, Debug)]
+pub struct Poses<P = Pose<Base, World>> {
+    samples: Samples<P>,
+}
 
-    fn settle(&mut self, t_s: f64) {
-        self.samples.settle(t_s);
-    }
+/// Poses of a base in space.
+pub type SpatialPoses = Poses<SpatialPose>;
 
-    fn restart(&mut self) {
-        self.samples.clear();
+impl<P: Posed> Default for Poses<P> {
+    fn default() -> Self {
+        Self { samples: Samples::default() }
     }
 }
 
-/// Poses of the base in space in order of time.
-#[derive(Clone, Debug, Default)]
-pub struct SpatialPoses {
-    samples: Samples<SpatialPose>,
-}
+impl<P: Posed> Motion for Poses<P> {
+    type Measured = P;
+    type Base = P;
 
-impl Motion for SpatialPoses {
-    type Measured = SpatialPose;
-    type Base = SpatialPose;
-
-    fn is_finite(&self, pose: &SpatialPose) -> bool {
-        pose.position.iter().chain(pose.rotation.coords.iter()).all(|number| number.is_finite())
+    fn is_finite(&self, pose: &P) -> bool {
+        pose.is_finite()
     }
 
-    fn clock(&mut self, _pose: &SpatialPose) -> Option<&mut Clock> {
+    fn clock(&mut self, _pose: &P) -> Option<&mut Clock> {
         Some(&mut self.samples.clock)
     }
 
-    fn is_before_all(&self, t_s: f64, _pose: &SpatialPose) -> bool {
+    fn is_before_all(&self, t_s: f64, _pose: &P) -> bool {
         self.samples.is_before_all(t_s)
     }
 
-    fn insert(&mut self, t_s: f64, pose: SpatialPose) -> bool {
+    fn insert(&mut self, t_s: f64, pose: P) -> bool {
+        let pose = self.samples.beside(t_s).map_or(pose, |beside| pose.continued(beside));
         self.samples.insert(t_s, pose)
     }
 
-    /// The pose with that time or, between its neighbours if they are at most `gap_s` apart, one with a linearly interpolated
-    /// position and a rotation by a share of the shorter angle.
-    fn at(&self, t_s: f64, gap_s: f64) -> Place<SpatialPose> {
-        match self.samples.at(t_s, gap_s, between_in_space) {
+    /// The pose with that time or, by interpolation, between its neighbours if they are at most `gap_s` apart.
+    fn at(&self, t_s: f64, gap_s: f64) -> Place<P> {
+        match self.samples.at(t_s, gap_s, P::between) {
             Sampled::At(pose) => Place::At(pose),
             Sampled::Pending => Place::Pending,
             Sampled::Unknown => Place::Unknown,
@@ -107,29 +114,12 @@ impl Motion for SpatialPoses {
 
     fn restart(&mut self) {
         self.samples.clear();
-    }
-}
-
-/// Pose at a share of the way from one to another. Of two opposite rotations, the first.
-fn between_in_space(before: &SpatialPose, after: &SpatialPose, share: f64) -> SpatialPose {
-    SpatialPose {
-        position: before.position + (after.position - before.position) * share,
-        rotation: before.rotation.try_slerp(&after.rotation, share, f64::EPSILON).unwrap_or(before.rotation),
     }
 }
 
 /// A pose whose yaw is larger by whole turns.
 fn turned(pose: &Pose<Base, World>, by_rad: f64) -> Pose<Base, World> {
     Pose::new(pose.origin().x(), pose.origin().y(), pose.yaw_rad() + by_rad)
-}
-
-/// Pose at a share of the way from one to another, the yaw by the shorter way.
-fn between(before: &Pose<Base, World>, after: &Pose<Base, World>, share: f64) -> Pose<Base, World> {
-    let (from, to) = (before.origin().vector(), after.origin().vector());
-    let turn_rad = after.yaw_rad() - before.yaw_rad();
-    let turn_rad = turn_rad - TAU * (turn_rad / TAU).round();
-    let at = from + (to - from) * share;
-    Pose::new(at.x, at.y, before.yaw_rad() + turn_rad * share)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-"""What the sets of random suites in the plane and in space have in common."""
+"""Fields and names common to the sets of random suites in the plane and in space."""
 
 from typing import Annotated, Literal
 

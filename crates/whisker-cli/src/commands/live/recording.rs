@@ -27,7 +27,7 @@ struct Entry {
     name: String,
 }
 
-/// What a recording is played by.
+/// Conditions under which recordings are played.
 struct Player<'a> {
     arguments: &'a Arguments,
     timing: Timing,
