@@ -13,7 +13,8 @@ Between the first comment's `=` and its end stand, separated by spaces:
    the measured value. Within a cell, `*` stands for any characters; `0.5..1` stands for all numbers of that range. Spaces are
    written as `_`;
 3. the format of the number, as in Python: `.2f`, `.3g`; absent for a text. A value that rounds to zero becomes `< 0.01`;
-4. optionally a unit, into which a value in SI units is converted: `mm`, `%`.
+4. optionally a unit, into which a value in SI units is converted: `mm`, `%`;
+5. optionally `or-none`: if the table has no value for the key, the text is `none`.
 
 Tables of variable length are written whole: `<!--= unmet_claims -->`. Other numbers with a unit, and other cells of tables that
 are numbers, are settings, bounds or published values. Columns headed by a word of `GIVEN_COLUMNS` may hold them, and the comment
@@ -119,6 +120,9 @@ REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "count": len,
 }
 
+OR_NONE = "or-none"
+"""Last word of a source that may have no value."""
+
 MARK = re.compile(r"<!--= (?P<source>[^>]*?) -->(?P<text>.*?)<!--/-->", re.DOTALL)
 STARTS = re.compile(r"^[ >]*<!--= ([^>]*?) -->(?!\n)", re.MULTILINE)
 GIVEN = re.compile(r"<!-- given: (.*?) -->", re.DOTALL)
@@ -182,7 +186,11 @@ def figure(source: str) -> str:
     words = source.split()
     reduction = REDUCTIONS[words.pop(0)] if words[0] in REDUCTIONS else None
     key, *style = words
+    may_lack = style[-1:] == [OR_NONE]
+    style = style[:-1] if may_lack else style
     found = matching(key)
+    if may_lack and not found:
+        return "none"
     if not found or (len(found) > 1 and reduction is None):
         raise FigureError(f"`{source}`: found {len(found)} values, expected {'at least 1' if reduction else '1'}")
     if reduction is len:

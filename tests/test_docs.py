@@ -141,6 +141,8 @@ def tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("p95 claims.* .1f", "12.3"),
         ("sum claims.* .1f", "12.4"),
         ("count claims.*", "2"),
+        ("claims.mean .2f mm or-none", "70.10"),
+        ("claims.median .2f mm or-none", "none"),
         ("unmet_count", "1"),
         ("summary.standard/pin/straight/ekf/0.01/rmse_m .3f mm", "0.049"),
         ("max summary.standard/*/*/u*/0..0.05/rmse_m .0e", "6e-5"),

@@ -109,6 +109,11 @@ impl<const M: usize> Innovation<M> {
         Factor::of(&covariance).map(|factor| Self::new(residual, covariance, &factor))
     }
 
+    /// Innovation whose covariance is multiplied by a positive factor.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { residual: self.residual, covariance: self.covariance * factor, nis: self.nis / factor }
+    }
+
     /// Logarithm of the reading's marginal likelihood, `ln N(y; 0, S)`.
     pub fn log_likelihood(&self) -> f64 {
         -0.5 * (self.nis + log_determinant(&self.covariance) + M as f64 * std::f64::consts::TAU.ln())

@@ -62,6 +62,11 @@ impl Doubtful {
         self.nis += (per_reading.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
     }
 
+    /// Running mean of the normalised innovations squared per reading, 1 at the start.
+    pub(crate) fn mean_nis(&self) -> f64 {
+        self.nis
+    }
+
     /// Whether the models are in doubt.
     pub(crate) fn is_raised(&self, settings: &DoubtSettings) -> bool {
         self.nis > settings.nis

@@ -13,6 +13,10 @@
 //! in the same way imitate them. For the mean, which needs a decision, the power is larger than for the covariance, and
 //! evidence below a threshold does not count.
 //!
+//! The variance of the sensor model's error is an upper bound, and depends on the place. Where the innovations are smaller than
+//! stated, `ln det S` would favour the candidate whose contact has the smallest variance, whatever its residuals. In the evidence `S` is
+//! therefore multiplied by the mean normalised innovation squared of the mixture, if that is below 1.
+//!
 //! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
 //! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
 //! readings that reject the others.
@@ -233,6 +237,9 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, watched: watched.transpose()? }))
 }
 
+/// Smallest factor of the covariances of innovations in the evidence.
+const LEAST_FACTOR: f64 = 0.05;
+
 /// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share` is
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
@@ -305,9 +312,11 @@ impl AveragingTracker {
         self.methods.iter().map(|(name, _)| *name)
     }
 
-    /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate.
+    /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate. Its covariance is multiplied by the running
+    /// mean of the mixture's normalised innovations squared, if that is below 1.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
-        robust::log_likelihood(innovation, self.config.gate_sds)
+        let factor = self.doubtful.mean_nis().clamp(LEAST_FACTOR, 1.0);
+        robust::log_likelihood(&innovation.scaled(factor), self.config.gate_sds)
     }
 
     /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.
@@ -745,6 +754,19 @@ mod tests {
         let shares = tracker.right.probabilities();
         assert!((shares[2] - 0.4).abs() < 1e-5, "{shares:?}");
         assert!((shares[0] / shares[1] - 1.0_f64.exp()).abs() < 1e-9, "{shares:?}");
+    }
+
+    /// At residuals of the mean size, a slightly different variance makes no difference to first order.
+    #[test]
+    fn verif_overstated_variances_are_no_evidence() {
+        let knowledge = knowledge();
+        let mut tracker = tracker([0.6, 0.4], &knowledge.faces[0]);
+        let innovation = |factor: f64| Innovation::of(Vector1::new(0.5), Matrix1::new(factor)).unwrap();
+        for _ in 0..10_000 {
+            tracker.doubtful.advance(&tracker.config.doubt, 0.01, Some(innovation(1.0)));
+        }
+        let gained = tracker.log_evidence(&innovation(0.99)) - tracker.log_evidence(&innovation(1.01));
+        assert!(gained.abs() < 1e-5, "{gained}");
     }
 
     #[test]
