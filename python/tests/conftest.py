@@ -15,6 +15,10 @@ GOLDEN = ROOT / "datasets" / "golden"
 PIN_RADIUS_M = 0.5e-3 + 0.125e-3
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--suite", default="smoke", help="suite in datasets/ whose replays are compared with the command's")
+
+
 def calibration_lines(whisker: wc.Whisker, sign: float, lines: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
     """Contacts and readings of presses at evenly spaced arc lengths, by the exact elastica."""
     result = []

@@ -86,8 +86,6 @@ pub(super) struct Config {
     pub mean_power: f64,
     /// Logarithm of the likelihood ratio with this power at which half of the mean is theirs.
     pub mean_evidence: f64,
-    /// Factor of the covariance, for errors that no candidate has.
-    pub covariance_factor: f64,
     /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,
     /// Probability of a candidate below which it does not count for the estimate.
@@ -109,7 +107,7 @@ impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
     /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction;
     /// `installed` also doubts the calibration, with an even chance nearly, and is considered. `drifting` is none of them: a
-    /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds, powers and factor were
+    /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds and powers were
     /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
     /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
     /// inertia and leave out those at the tip: a candidate that used them would state a wrong contact there.
@@ -136,7 +134,6 @@ impl Default for Config {
             ignored_share: 0.02,
             evidence_power: 0.5,
             considered_power: 0.01,
-            covariance_factor: 1.5,
             second: SecondSettings::default(),
             ..average
         }
@@ -159,7 +156,6 @@ impl Config {
             considered_power: 1.0,
             mean_power: 0.3,
             mean_evidence: 4.0,
-            covariance_factor: 1.0,
             sojourn_s: 1000.0,
             ignored_share: 0.0,
             farthest_m: 2e-3,
@@ -180,7 +176,6 @@ impl Settings for Config {
         within("considered_power", self.considered_power, 1e-6..=1.0)?;
         within("mean_power", self.mean_power, 1e-6..=1.0)?;
         within("mean_evidence", self.mean_evidence, 0.0..=1e3)?;
-        within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         self.doubt.validate()?;
         self.watched.validate()?;
         self.second.validate()?;
@@ -457,7 +452,7 @@ impl AveragingTracker {
         let friction = Gaussian::of_mixture(moving().filter_map(rubs));
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
-            (places.covariance + apart * apart.transpose()) * self.config.covariance_factor
+            places.covariance + apart * apart.transpose()
         };
         let covariance_m2 = places.and_then(Gaussian::of_mixture).map(about_shift);
         Some(Estimate {
@@ -630,13 +625,7 @@ mod tests {
 
     /// A tracker of two candidates, of which the second is considered, with these probabilities.
     fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
-        let config = Config {
-            evidence_power: 0.5,
-            considered_power: 1e-6,
-            covariance_factor: 2.0,
-            ignored_share: 0.02,
-            ..Config::among([])
-        };
+        let config = Config { evidence_power: 0.5, considered_power: 1e-6, ignored_share: 0.02, ..Config::among([]) };
         AveragingTracker {
             config: Arc::new(config),
             considered: vec![false, true],
@@ -665,8 +654,8 @@ mod tests {
         let led = stated([0.6, 0.4]);
         assert_eq!(led.contact, Point::new(0.05, 0.0));
         let covariance_m2 = led.covariance_m2.unwrap();
-        assert!((covariance_m2[(0, 0)] - 2.0 * (1e-8 + 0.4 * 1e-6)).abs() < 1e-14, "{covariance_m2}");
-        assert!((covariance_m2[(1, 1)] - 2e-8).abs() < 1e-14, "{covariance_m2}");
+        assert!((covariance_m2[(0, 0)] - (1e-8 + 0.4 * 1e-6)).abs() < 1e-14, "{covariance_m2}");
+        assert!((covariance_m2[(1, 1)] - 1e-8).abs() < 1e-14, "{covariance_m2}");
         let mut led = tracker([0.4, 0.6], &knowledge.faces[0]);
         led.weights = vec![0.6, 0.4];
         let moved = led.together(&estimates, None).unwrap();

@@ -1,6 +1,6 @@
-//! `cargo xtask package`: installation of the Python package from a clean clone, size of its wheel, and times of its calls
-//! compared with those in Rust. The values are rows of `results/reference/measured.csv`, shown in `docs/PYTHON.md` and
-//! `docs/PERFORMANCE.md`.
+//! `cargo xtask package`: the results of the Python package compared with those of the command, its installation from a clean clone,
+//! the size of its wheel, and the times of its calls compared with those in Rust. The values are rows of
+//! `results/reference/measured.csv`, shown in `docs/PYTHON.md` and `docs/PERFORMANCE.md`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,9 +11,9 @@ use super::docs;
 use crate::failure::{Failure, Outcome};
 use crate::kept::{self, Measured};
 use crate::parts::step;
-use crate::pipeline;
 use crate::repository::{interpreter, root, words};
-use crate::tools::{cargo, run as run_command};
+use crate::tools::{cargo, python as python_command, run as run_command};
+use crate::{pipeline, python};
 
 const SUITE: &str = "standard";
 /// One trace of each object and whisker.
@@ -39,6 +39,7 @@ pub(crate) fn run() -> Outcome {
     pipeline::prepare()?;
     pipeline::simulate(SUITE)?;
     pipeline::fit(SUITE)?;
+    step("equality with the command", equality)?;
     let mut rows = Vec::new();
     let folder = root().join(TARGET);
     step("installation from a clean clone", || {
@@ -56,8 +57,15 @@ pub(crate) fn run() -> Outcome {
     step("documentation", docs::run)
 }
 
+/// Compares the replays of every trial of the suite and every estimator with those of the command, to the bit.
+fn equality() -> Outcome {
+    python::install_package()?;
+    let tests = ["-m", "pytest", "-c", "python/pyproject.toml", "python/tests/test_command.py", "-k", "every_replay"];
+    run_command(python_command(&[&tests[..], &["--suite", SUITE]].concat()))
+}
+
 /// Python of the environment into which the package is installed.
-fn python(folder: &Path) -> PathBuf {
+fn interpreter_of(folder: &Path) -> PathBuf {
     folder.join("venv/bin/python")
 }
 
@@ -76,7 +84,7 @@ fn installed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     venv.args(["-m", "venv"]).arg(folder.join("venv"));
     run_command(venv)?;
     let pip = |arguments: &[&str]| {
-        let mut pip = Command::new(python(folder));
+        let mut pip = Command::new(interpreter_of(folder));
         pip.args(["-m", "pip", "--quiet", "--disable-pip-version-check"]).args(arguments);
         pip.current_dir(&clone).env_remove("CARGO_TARGET_DIR");
         pip
@@ -103,7 +111,7 @@ fn timed(folder: &Path) -> Result<Vec<Measured>, Failure> {
     let mut build = cargo(&["build", "--quiet", "--release", "--package", "whisker-python", "--example", "step_times"]);
     build.current_dir(&clone).env_remove("CARGO_TARGET_DIR");
     run_command(build)?;
-    let mut script = Command::new(python(folder));
+    let mut script = Command::new(interpreter_of(folder));
     script.current_dir(root()).arg(clone.join("python/bench/overhead.py")).arg(clone.join(STEP_TIMES));
     script.arg(format!("datasets/{SUITE}/calibrations"));
     script.args(TRACES.map(|trace| format!("datasets/{SUITE}/{trace}.csv")));
