@@ -8,7 +8,7 @@ use testbed::results::TrialRow;
 use testbed::statistics::{mean, median, quantile};
 use trace::Sidecar;
 
-use super::{Claim, Context, Evaluation, RECOMMENDED, friction};
+use super::{Claim, Context, Evaluation, RECOMMENDED, friction, hollow};
 
 /// Run of the random suite, and the folder of its traces.
 const RANDOM: &str = "random";
@@ -20,8 +20,10 @@ const MISCALIBRATED: &str = "miscalibrated";
 /// Runs of the random suite with other thresholds of the signal of doubt.
 const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("8", "random_doubt_8"), ("16", "random_doubt_16")];
 
-/// Runs of the claims on certainty: those of this topic, and that of contacts with friction.
-pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, friction::RUN];
+/// Runs of the claims on certainty: those of this topic, and those of contacts with friction and of objects that are not convex or
+/// move.
+pub(super) const RUNS: &[&str] =
+    &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, friction::RUN, hollow::RUN];
 
 /// Shapes with corners; a plate is met at its edge.
 const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];

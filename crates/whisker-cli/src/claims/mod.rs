@@ -9,6 +9,7 @@ mod contours;
 mod determinism;
 mod friction;
 mod hall;
+mod hollow;
 mod live;
 mod monte_carlo;
 mod motion;
@@ -133,7 +134,12 @@ pub const SETS: &[ClaimSet] = &[
         runs: RUNS,
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
-    ClaimSet { name: "certainty", topics: &[certainty::claims, friction::claims], runs: certainty::RUNS, figures: &[] },
+    ClaimSet {
+        name: "certainty",
+        topics: &[certainty::claims, friction::claims, hollow::claims],
+        runs: certainty::RUNS,
+        figures: &[],
+    },
     ClaimSet {
         name: "space",
         topics: &[space::claims, space_recordings::claims, space_random::claims],

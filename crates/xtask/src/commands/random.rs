@@ -1,4 +1,4 @@
-//! Certainty on random scenes, which no setting was chosen on, and on contacts with friction.
+//! Certainty on random scenes, which no setting was chosen on, on contacts with friction, and on objects that are not convex or move.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};
@@ -16,8 +16,11 @@ const STANDARD: &str = "standard";
 /// Suite of contacts with friction.
 const FRICTION: &str = "friction";
 
-/// Seeds of its measurement noise, as docs/CERTAINTY.md states.
-const FRICTION_SEEDS: u32 = 20;
+/// Suite of objects that are not convex or move.
+const HOLLOW: &str = "hollow";
+
+/// Seeds of the measurement noise of the last two suites, as docs/CERTAINTY.md states.
+const SEEDS: u32 = 20;
 
 /// Set of claims, and the folder of their table.
 const CLAIMS: &str = "certainty";
@@ -46,10 +49,12 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     for nis in DOUBT_THRESHOLDS {
         evaluations.doubting(RANDOM, nis)?;
     }
-    pipeline::simulate(FRICTION)?;
-    pipeline::fit(FRICTION)?;
-    evaluations.recommended(FRICTION, FRICTION_SEEDS)?;
-    kept::keep(FRICTION, &["run.json", "summary.csv"])?;
+    for suite in [FRICTION, HOLLOW] {
+        pipeline::simulate(suite)?;
+        pipeline::fit(suite)?;
+        evaluations.recommended(suite, SEEDS)?;
+        kept::keep(suite, &["run.json", "summary.csv"])?;
+    }
     // The documentation is written even if a claim does not hold.
     let outcome = step("measure", || run_command(whisker(&["reproduce", "--set", CLAIMS, "--out", OUT])));
     step("documentation", docs::run)?;

@@ -1,0 +1,102 @@
+//! Objects that are not convex, and objects that move: outlines, second contacts, and doubt.
+
+use testbed::metrics::{Metric, consistency, contour, doubt, error, second};
+use testbed::results::TrialRow;
+use testbed::statistics::mean;
+
+use super::{Claim, Context, RECOMMENDED, WHISKERS};
+
+/// Run of the suite of objects that are not convex or move.
+pub(super) const RUN: &str = "hollow";
+
+/// Objects that are not convex.
+const HOLLOW: [&str; 5] = ["l", "star", "cup", "discs", "step"];
+
+/// Objects that move, with their speeds in mm/s.
+const MOVING: [(&str, &str); 6] = [
+    ("pin_0p2", "pin at 0.2 mm/s"),
+    ("pin_0p5", "pin at 0.5 mm/s"),
+    ("pin_2p0", "pin at 2 mm/s"),
+    ("circle_0p2", "circle at 0.2 mm/s"),
+    ("circle_0p5", "circle at 0.5 mm/s"),
+    ("circle_2p0", "circle at 2 mm/s"),
+];
+
+/// Error of an accurate contact on an object that moves, and the time within which other trials have to be in doubt.
+const ACCURATE_M: f64 = 0.3e-3;
+const DOUBT_WITHIN_S: f64 = 0.5;
+
+pub(super) fn claims() -> Vec<Claim> {
+    let outlines = HOLLOW.into_iter().flat_map(|object| WHISKERS.map(|whisker| outline(object, whisker)));
+    let moving = MOVING.into_iter().flat_map(|object| WHISKERS.map(|whisker| sure_and_wrong(object, whisker)));
+    let covered = |context: &Context| Ok(percent(of_hollow(context), &consistency::COVERAGE));
+    let ellipses = about("objects that are not convex: stated 95 % ellipses that hold the truth, mean over trials");
+    let others = [
+        Claim::at_least("hollow_coverage_low".into(), ellipses.clone(), 88.0, "%", covered),
+        Claim::at_most("hollow_coverage_high".into(), ellipses, 99.0, "%", covered),
+        Claim::at_least(
+            "hollow_second_recall".into(),
+            about("second contacts that are signalled within 0.2 s, mean over trials"),
+            95.0,
+            "%",
+            |context| Ok(percent(of_hollow(context), &second::RECALL)),
+        ),
+        Claim::at_least(
+            "hollow_second_precision".into(),
+            about("signals raised during a second contact or within 0.2 s after it, mean over trials"),
+            95.0,
+            "%",
+            |context| Ok(percent(of_hollow(context), &second::PRECISION)),
+        ),
+    ];
+    outlines.chain(moving).chain(others).collect()
+}
+
+fn about(what: &str) -> String {
+    format!("suite {RUN}, {RECOMMENDED}: {what}")
+}
+
+/// Distance of the outline of an object that is not convex, over what was touched.
+fn outline(object: &'static str, whisker: &'static str) -> Claim {
+    Claim::at_most(
+        format!("hollow_outline_{object}_{whisker}"),
+        about(&format!("{object}, {whisker} whisker: mean distance of the outline, median over trials")),
+        0.2,
+        "mm",
+        move |context| {
+            let summary = context.run(RUN).summary(&format!("hollow_{object}"), whisker, RECOMMENDED);
+            Ok(summary.and_then(|row| row.get(&contour::MEAN)).map(|mean_m| 1e3 * mean_m))
+        },
+    )
+}
+
+/// Share of the trials on an object that moves whose contacts are accurate, or whose models are in doubt in time.
+fn sure_and_wrong((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
+    Claim::at_least(
+        format!("moving_{object}_{whisker}"),
+        about(&format!(
+            "{words}, {whisker} whisker: trials with a steady RMSE of at most 0.3 mm, or in doubt within 0.5 s"
+        )),
+        90.0,
+        "%",
+        move |context| {
+            let is_honest = |trial: &TrialRow| {
+                trial.get(&error::RMSE).is_some_and(|rmse_m| rmse_m <= ACCURATE_M)
+                    || trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)
+            };
+            let share = context.run(RUN).share(&format!("moving_{object}"), whisker, RECOMMENDED, is_honest);
+            Ok(share.map(|share| 100.0 * share))
+        },
+    )
+}
+
+/// Trials on objects that are not convex.
+fn of_hollow(context: &Context) -> impl Iterator<Item = &TrialRow> {
+    let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
+    trials.filter(|trial| trial.head.group.strip_prefix("hollow_").is_some_and(|object| HOLLOW.contains(&object)))
+}
+
+/// Mean (%) of a metric.
+fn percent<'a>(trials: impl Iterator<Item = &'a TrialRow>, metric: &Metric) -> Option<f64> {
+    mean(trials.filter_map(|trial| trial.get(metric))).map(|share| 100.0 * share)
+}
