@@ -38,9 +38,9 @@ impl SystematicSettings {
     /// No systematic errors.
     pub(super) const NONE: Self = Self { offset: 0.0, drift_per_s: 0.0, latency_s: 0.0 };
 
-    /// The settings of `recommended`, half of the RMS errors of the random suites' miscalibrated sets. Chosen on the
-    /// training suite of random scenes.
-    pub(super) const EXPECTED: Self = Self { offset: 4e-3, drift_per_s: 1e-3, latency_s: 1e-3 };
+    /// The settings of `recommended`, seven eighths of the RMS errors of the random suites' miscalibrated sets: of 4/8, 6/8, 7/8 and
+    /// 8/8, the smallest multiple with the fewest sets of the training suite in which the stated covariances are too small.
+    pub(super) const EXPECTED: Self = Self { offset: 7e-3, drift_per_s: 1.75e-3, latency_s: 1.75e-3 };
 
     /// Whether there are any.
     pub(super) fn is_on(&self) -> bool {
