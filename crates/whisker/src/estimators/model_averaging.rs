@@ -216,16 +216,16 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 
 fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let config: Config = parse(config)?;
-    if looks_back {
-        // Revised estimates are those of single samples.
-        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
-    }
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
         let settings = extended((row.defaults)(), &candidate.settings);
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
+    if looks_back {
+        // Revised estimates are those of single samples.
+        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
+    }
     let is_watched = !looks_back && config.watched.evidence > 0.0;
     let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
         let row = row_of(WATCHED, looks_back)?;
