@@ -5,11 +5,12 @@ use nalgebra::{SMatrix, SVector};
 use crate::gaussian::{Factor, symmetrised};
 use crate::{Gaussian, Innovation, Measurement, Process, UpdateError, congruence, product};
 
-/// Propagates the belief through the process: `x <- f(x)`, `P <- F P F' + Q`.
-pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) {
+/// Propagates the belief through the process: `x <- f(x)`, `P <- F P F' + Q`. Returns the Jacobian `F`.
+pub fn predict<const N: usize>(belief: &mut Gaussian<N>, process: &impl Process<N>) -> SMatrix<f64, N, N> {
     let (mean, jacobian, noise) = process.linearised(&belief.mean);
     belief.mean = mean;
     belief.covariance = symmetrised(congruence(&jacobian, &belief.covariance) + noise);
+    jacobian
 }
 
 /// Conditions the belief on a reading: `S = H P H' + R`, `K = P H' S^-1`, `x <- x + K (z - h(x))`. The gain is computed

@@ -86,7 +86,7 @@ fn verif_the_average_of_one_candidate_is_that_candidate() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 2.0, |_| true);
     let [average, ekf] = ["recommended", "ekf"].map(|name| estimators::estimator(name).unwrap());
-    let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}]});
+    let alone = json!({"candidates": [{"name": "ekf", "weight": 1.0}], "block": {"samples": 1}});
     let chosen = run(configured(average, &alone, &knowledge, 1), &samples);
     for (chosen, own) in chosen.iter().zip(run(estimator(ekf, &knowledge, 1), &samples)) {
         assert_eq!(chosen.map(|estimate| Estimate { models: None, ..estimate }), own);

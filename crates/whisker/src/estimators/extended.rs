@@ -1,7 +1,7 @@
 //! The extended Kalman filter on the contact.
 
 use filters::{Gaussian, Innovation, Measurement, Process, UpdateError, extended};
-use nalgebra::Vector1;
+use nalgebra::{SMatrix, Vector1};
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::GaussianFilter;
@@ -12,9 +12,12 @@ use super::gaussian::GaussianFilter;
 pub(super) struct Extended {}
 
 impl GaussianFilter for Extended {
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
-        extended::predict(belief, process);
-        Ok(())
+    fn predict<const N: usize>(
+        &self,
+        belief: &mut Gaussian<N>,
+        process: &impl Process<N>,
+    ) -> Result<Option<SMatrix<f64, N, N>>, UpdateError> {
+        Ok(Some(extended::predict(belief, process)))
     }
 
     fn update<const N: usize>(

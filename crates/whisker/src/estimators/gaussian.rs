@@ -3,8 +3,8 @@
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, robust};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector1, Vector2};
+use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, product, robust};
+use nalgebra::{Matrix2, SMatrix, Vector1};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -15,7 +15,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::systematic::{Systematic, SystematicSettings};
-use super::{ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -29,8 +29,12 @@ pub(super) trait GaussianFilter:
         Ok(())
     }
 
-    /// Propagates the belief through the process.
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError>;
+    /// Propagates the belief through the process. Returns the process's Jacobian at the mean, `None` if the filter has none.
+    fn predict<const N: usize>(
+        &self,
+        belief: &mut Gaussian<N>,
+        process: &impl Process<N>,
+    ) -> Result<Option<SMatrix<f64, N, N>>, UpdateError>;
 
     /// Conditions the belief on a reading.
     fn update<const N: usize>(
@@ -221,8 +225,8 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// Whether the whole belief has moved beyond the end of the loaded whisker during this touch: the tip itself rests on the
     /// object, at a place that the belief does not describe.
     is_past_tip: bool,
-    /// Mean of the state at the last estimate.
-    stated: Option<SVector<f64, N>>,
+    /// Belief at the last estimate.
+    stated: Option<Gaussian<N>>,
 }
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, Model, N> {
@@ -313,14 +317,22 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         Sample { motion: kept.base.then(&self.base.inverse()), dt_s: self.time_s - kept.time_s, reading_n_m: 0.0 }
     }
 
-    /// Propagates a bank to a sample.
-    fn predict(&self, bank: &mut Bank<N>, sample: &Sample) {
+    /// Propagates a bank to a sample. Returns the Jacobian of the process at the most probable hypothesis, `None` without systematic
+    /// errors.
+    fn predict(&self, bank: &mut Bank<N>, sample: &Sample) -> Option<SMatrix<f64, N, N>> {
         let process = self.motion.step(&self.side, sample);
+        let most = bank.most_probable().filter(|_| self.config.systematic.is_on()).map(|most| most.belief.mean);
+        let mut transition = None;
         bank.predict(|belief| {
-            self.config.filter.predict(belief, &process)?;
+            let before = belief.mean;
+            let jacobian = self.config.filter.predict(belief, &process)?;
             belief.fade(self.config.fading);
+            if most == Some(before) {
+                transition = jacobian;
+            }
             Ok(())
         });
+        most.map(|mean| transition.unwrap_or_else(|| process.jacobian(&mean)))
     }
 
     /// The initial hypotheses with the logarithms of their weights, from the reading of a sample.
@@ -374,8 +386,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             return Some(Advance { predicted: belief, filtered: belief, innovation: None });
         };
         self.inertia.advance(sample);
-        let transition = self.transition(&bank, sample);
-        self.predict(&mut bank, sample);
+        let transition = self.predict(&mut bank, sample);
         let predicted = bank.moments()?;
         let leading = bank.most_probable()?.belief;
         let at = AlongAway::of_state(&leading.mean);
@@ -385,12 +396,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             return Some(Advance { predicted, filtered: predicted, innovation: None });
         }
         let inertia_n_m = self.inertia_n_m(at);
-        let extrapolation_sd_n_m = if self.config.corrected {
-            self.side.extrapolation_sd_n_m(AlongAway::of_state(&predicted.mean))
-        } else {
-            0.0
-        };
-        let error_sd_n_m = (INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m);
+        let error_sd_n_m = self.error_sd_n_m(AlongAway::of_state(&predicted.mean), inertia_n_m);
         let reading = ContactReading::new(&self.side, Model::INDICES).with_error(error_sd_n_m).of_mean(count);
         let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
         if let Some(transition) = transition {
@@ -410,12 +416,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             self.keep();
         }
         Some(Advance { predicted, filtered, innovation })
-    }
-
-    /// Jacobian of the process of a step at the most probable hypothesis. `None` without systematic errors.
-    fn transition(&self, bank: &Bank<N>, sample: &Sample) -> Option<SMatrix<f64, N, N>> {
-        let most = bank.most_probable().filter(|_| self.config.systematic.is_on())?;
-        Some(self.motion.step(&self.side, sample).jacobian(&most.belief.mean))
     }
 
     /// Whether the contact has reached the tip, so that the reading of a sample is left out.
@@ -532,11 +532,26 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left = left;
     }
 
-    /// Displacement (m, in Base after the motion) by which a contact slides over the object during a further motion.
-    pub(super) fn slip_from_m(&self, mean: &SVector<f64, N>, ahead: &Sample) -> Vector2<f64> {
-        let moved = self.motion.step(&self.side, ahead).predict(mean);
+    /// Predicts a further sample from a belief. The covariance is that before the motion.
+    pub(super) fn look_ahead_from(&self, belief: &Gaussian<N>, sample: &Sample) -> Ahead {
+        let moved = self.motion.step(&self.side, sample).predict(&belief.mean);
         let place = |x| self.side.face.contact_at(AlongAway::of_state(x));
-        place(&moved).vector() - ahead.motion.apply(place(mean)).vector()
+        let slip_m = place(&moved).vector() - sample.motion.apply(place(&belief.mean)).vector();
+        let at = AlongAway::of_state(&moved);
+        let inertia_n_m = self.inertia_n_m(at);
+        let reading = self.reading().with_error(self.error_sd_n_m(at, inertia_n_m));
+        let nis = reading.linearised_with_noise(&moved).map(|(expected, h, noise)| {
+            let variance = product(&product(&h, &belief.covariance), &h.transpose()) + noise;
+            (sample.reading_n_m - inertia_n_m - expected.x).powi(2) / variance.x
+        });
+        Ahead { slip_m, nis }
+    }
+
+    /// Standard deviation of the errors of a reading beside those of sensor and calibration: of its correction for inertia, and of
+    /// the extrapolation of the sensor model.
+    fn error_sd_n_m(&self, at: AlongAway, inertia_n_m: f64) -> f64 {
+        let extrapolation_sd_n_m = if self.config.corrected { self.side.extrapolation_sd_n_m(at) } else { 0.0 };
+        (INERTIA_SD * inertia_n_m).hypot(extrapolation_sd_n_m)
     }
 
     /// Whether the belief has no valid covariance, or one so large that the contact may be anywhere on the whisker and beyond.
@@ -617,14 +632,14 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.step_mean(sample, 1.0)
     }
 
-    fn slip_m(&self, ahead: &Sample) -> Vector2<f64> {
-        self.stated.map_or_else(Vector2::zeros, |mean| self.slip_from_m(&mean, ahead))
+    fn look_ahead(&self, sample: &Sample) -> Ahead {
+        self.stated.map_or_else(Ahead::default, |belief| self.look_ahead_from(&belief, sample))
     }
 
     fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
         self.stated = None;
         let Advance { filtered, innovation, .. } = self.advance_mean(sample, count)?;
-        self.stated = Some(filtered.mean);
+        self.stated = Some(filtered);
         if self.is_at_tip(&filtered) || self.has_diverged(&filtered) {
             return None;
         }

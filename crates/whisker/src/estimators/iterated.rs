@@ -2,7 +2,7 @@
 
 use filters::iterated::{self, Search};
 use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
-use nalgebra::Vector1;
+use nalgebra::{SMatrix, Vector1};
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::GaussianFilter;
@@ -30,9 +30,12 @@ impl GaussianFilter for Iterated {
         within("filter.tolerance_sds", self.tolerance_sds, 0.0..=1.0)
     }
 
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
-        iterated::predict(belief, process);
-        Ok(())
+    fn predict<const N: usize>(
+        &self,
+        belief: &mut Gaussian<N>,
+        process: &impl Process<N>,
+    ) -> Result<Option<SMatrix<f64, N, N>>, UpdateError> {
+        Ok(Some(iterated::predict(belief, process)))
     }
 
     fn update<const N: usize>(

@@ -220,6 +220,15 @@ impl Knowledge {
     }
 }
 
+/// Prediction of a sample from the estimate before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ahead {
+    /// Displacement (m, in Base after the motion) by which the contact slides over the object.
+    pub slip_m: Vector2<f64>,
+    /// Normalised innovation squared of the reading. `None` if no reading is expected.
+    pub nis: Option<f64>,
+}
+
 /// Tracks one contact from touch to release.
 pub trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. `None` until the method has an estimate.
@@ -231,10 +240,10 @@ pub trait Tracker: Send {
         self.step(sample)
     }
 
-    /// Displacement (m, in Base after the motion) by which the contact of the last estimate slides over the object during a
-    /// further motion, whose reading is unknown. Default: it rests.
-    fn slip_m(&self, _ahead: &Sample) -> Vector2<f64> {
-        Vector2::zeros()
+    /// Predicts a further sample from the last estimate, without taking it. Default: the contact rests, and no reading is
+    /// expected.
+    fn look_ahead(&self, _sample: &Sample) -> Ahead {
+        Ahead::default()
     }
 
     /// Continues work that needs no sample, such as a search in progress. Default: none.

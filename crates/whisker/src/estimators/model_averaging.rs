@@ -29,15 +29,15 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::block::{BlockSettings, Blocks};
+use super::block::{BlockMean, BlockSettings, Blocks};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::systematic::SystematicSettings;
 use super::watched::{Watched, WatchedSettings};
 use super::{
-    ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint, Radius,
-    Sample, Touch, Tracker, estimator,
+    Ahead, ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint,
+    Radius, Sample, Touch, Tracker, estimator,
 };
 use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
@@ -144,7 +144,8 @@ impl Config {
     /// Average of the methods that smooth over the whole contact, with odds chosen in the same way. An outline of free
     /// curvature is used only where a constant radius is refuted.
     pub(super) fn hindsight() -> Self {
-        Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 0.001)])
+        let among = Self::among([("batch", 300.0), ("batch-sliding", 1.0), ("outline-batch", 0.001)]);
+        Self { block: BlockSettings::single(), ..among }
     }
 
     fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
@@ -214,16 +215,16 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 
 fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let config: Config = parse(config)?;
-    if looks_back {
-        // Revised estimates are those of single samples.
-        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
-    }
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
         let settings = extended((row.defaults)(), &candidate.settings);
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
+    if looks_back {
+        // Revised estimates are those of single samples.
+        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
+    }
     let is_watched = !looks_back && config.watched.evidence > 0.0;
     let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
         let row = row_of(WATCHED, looks_back)?;
@@ -514,21 +515,35 @@ impl AveragingTracker {
 }
 
 impl AveragingTracker {
-    /// The estimate of the last block's mean, carried along by the motion of the base since: the contact rests but for its slip
-    /// over the object.
-    fn carried(&self) -> Option<Estimate> {
-        let stated = self.stated?;
-        let since = self.blocks.since(&self.base);
-        let leading = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
-        let leading = leading.filter(|((_, considered), _)| !**considered);
-        let slip_m = leading
+    /// Predicts a sample, with the motion and the time from the last block's mean to it, by the leading candidate.
+    fn look_ahead(&self, since: &Sample) -> Ahead {
+        let candidates = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
+        let leading = candidates.filter(|((_, considered), _)| !**considered);
+        leading
             .max_by(|((a, _), _), ((b, _), _)| a.total_cmp(b))
-            .map_or_else(Vector2::zeros, |(_, tracker)| tracker.slip_m(&since));
+            .map_or_else(Ahead::default, |(_, tracker)| tracker.look_ahead(since))
+    }
+
+    /// The estimate of the last block's mean, carried along by the motion of the base to a sample: the contact rests but for its slip
+    /// over the object.
+    fn carried(&self, since: &Sample, slip_m: Vector2<f64>) -> Option<Estimate> {
+        let stated = self.stated?;
         Some(Estimate {
             contact: since.motion.apply(stated.contact).shifted(slip_m),
             covariance_m2: stated.covariance_m2.map(|covariance_m2| since.motion.turn(covariance_m2)),
             ..stated
         })
+    }
+
+    /// Takes a block of samples.
+    fn take(&mut self, block: &BlockMean) {
+        let now = std::mem::replace(&mut self.base, block.base);
+        self.stated = self.step_mean_of(&block.sample, block.count);
+        self.base = now;
+        let nis = self.stated.and_then(|stated| stated.innovation).map(|innovation| innovation.nis);
+        if nis.is_some_and(|nis| nis > self.config.block.alert_nis) {
+            self.blocks.alert(&self.config.block);
+        }
     }
 
     /// Takes the mean of `count` samples, with the base at the mean pose.
@@ -563,18 +578,26 @@ impl Tracker for AveragingTracker {
         if settings.samples == 1 {
             return self.step_mean_of(sample, 1.0);
         }
+        let since = self.blocks.since_mean(&self.base, sample);
+        let ahead = if self.blocks.is_calm() { self.look_ahead(&since) } else { Ahead::default() };
+        if ahead.nis.is_some_and(|nis| nis > settings.sample_nis) {
+            // The samples before are those of the contact from before a jump.
+            if let Some(block) = self.blocks.end() {
+                self.take(&block);
+            }
+            self.blocks.alert(&settings);
+        }
         let Some(block) = self.blocks.take(&settings, &self.base, sample) else {
             self.trackers.iter_mut().for_each(|tracker| tracker.work());
             // The innovation is that of the block.
-            return self.carried().map(|estimate| Estimate { innovation: None, ..estimate });
+            return self.carried(&since, ahead.slip_m).map(|estimate| Estimate { innovation: None, ..estimate });
         };
-        let now = std::mem::replace(&mut self.base, block.base);
-        self.stated = self.step_mean_of(&block.sample, block.count);
-        self.base = now;
-        if let Some(innovation) = self.stated.and_then(|stated| stated.innovation) {
-            self.blocks.note(&settings, innovation.nis);
+        self.take(&block);
+        if block.count == 1.0 {
+            return self.stated;
         }
-        self.carried()
+        let since = self.blocks.since_mean(&self.base, &Sample { dt_s: 0.0, ..*sample });
+        self.carried(&since, self.look_ahead(&since).slip_m)
     }
 
     /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.

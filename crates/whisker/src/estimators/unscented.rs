@@ -2,7 +2,7 @@
 
 use filters::unscented::{self, Spread};
 use filters::{Gaussian, Innovation, Measurement, Process, UpdateError};
-use nalgebra::Vector1;
+use nalgebra::{SMatrix, Vector1};
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::GaussianFilter;
@@ -39,8 +39,13 @@ impl GaussianFilter for Unscented {
         within("filter.kappa", self.kappa, -1.0..=10.0)
     }
 
-    fn predict<const N: usize>(&self, belief: &mut Gaussian<N>, process: &impl Process<N>) -> Result<(), UpdateError> {
-        unscented::predict(belief, process, &self.spread())
+    fn predict<const N: usize>(
+        &self,
+        belief: &mut Gaussian<N>,
+        process: &impl Process<N>,
+    ) -> Result<Option<SMatrix<f64, N, N>>, UpdateError> {
+        unscented::predict(belief, process, &self.spread())?;
+        Ok(None)
     }
 
     fn update<const N: usize>(

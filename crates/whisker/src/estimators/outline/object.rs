@@ -40,6 +40,11 @@ pub(super) struct Expected {
 }
 
 impl Expected {
+    /// The contact.
+    pub(super) fn point(&self) -> Point<Base> {
+        self.contact.point
+    }
+
     /// Coordinates of the contact along and away.
     pub(super) fn at(&self) -> AlongAway {
         self.contact.at

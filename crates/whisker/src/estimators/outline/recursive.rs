@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Vector2, Vector4};
+use filters::Gaussian;
+use nalgebra::Vector2;
 
 use super::Config;
 use super::object::{FirstArc, Object};
@@ -14,7 +15,7 @@ use crate::estimators::gaussian::{self, Follower};
 use crate::estimators::inertia::Inertia;
 use crate::estimators::motion::{Motion, Round};
 use crate::estimators::side::Side;
-use crate::estimators::{Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
+use crate::estimators::{Ahead, Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
 use crate::frames::{Base, Pose, Start};
 use crate::sensor::AlongAway;
 
@@ -103,8 +104,8 @@ pub(super) struct Tracer {
     inertia: Inertia,
     /// Whether readings have contradicted a convex outline of the present object.
     is_refuted: bool,
-    /// Mean of the filters' state at the last sample, if it was one of the onset.
-    at_onset: Option<Vector4<f64>>,
+    /// Belief of the filters at the last sample, if it was one of the onset.
+    at_onset: Option<Gaussian<4>>,
 }
 
 impl Tracer {
@@ -130,7 +131,7 @@ impl Tracer {
         let near_m = self.object.as_ref().map_or(0.0, Object::near_m);
         onset.readings.keep(Reading::new(self.base, sample.reading_n_m, near_m).of_mean(count));
         let advance = self.front.advance_mean(sample, count);
-        self.at_onset = advance.as_ref().map(|advance| advance.filtered.mean);
+        self.at_onset = advance.as_ref().map(|advance| advance.filtered);
         let side = &self.front.side;
         let Some(object) = &mut self.object else {
             self.onset = Some(onset);
@@ -275,17 +276,17 @@ impl Tracker for Tracer {
         }
     }
 
-    fn slip_m(&self, ahead: &Sample) -> Vector2<f64> {
-        let side = &self.front.side;
-        if let Some(mean) = &self.at_onset {
-            return self.front.slip_from_m(mean, ahead);
+    fn look_ahead(&self, sample: &Sample) -> Ahead {
+        if let Some(belief) = &self.at_onset {
+            return self.front.look_ahead_from(belief, sample);
         }
-        let base = ahead.motion.inverse().then(&self.base);
-        let contact = |base| self.object.as_ref()?.contact(side, base);
-        match (contact(&self.base), contact(&base)) {
-            (Some(before), Some(after)) => after.vector() - ahead.motion.apply(before).vector(),
-            _ => Vector2::zeros(),
-        }
+        let Some(object) = &self.object else { return Ahead::default() };
+        let (side, base) = (&self.front.side, sample.motion.inverse().then(&self.base));
+        let Some(expected) = object.expect(side, &base, sample.reading_n_m, 1.0) else { return Ahead::default() };
+        let slip_m = object
+            .contact(side, &self.base)
+            .map_or_else(Vector2::zeros, |before| expected.point().vector() - sample.motion.apply(before).vector());
+        Ahead { slip_m, nis: expected.innovation.map(|innovation| innovation.nis) }
     }
 
     fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
