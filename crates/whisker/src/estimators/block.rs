@@ -22,7 +22,7 @@ pub(super) struct BlockSettings {
     pub alert_nis: f64,
     /// The same of a single sample, which ends the block before it.
     pub sample_nis: f64,
-    /// Time for which samples are taken one by one.
+    /// Time for which samples are taken one by one, also after a touch.
     pub alert_s: f64,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct BlockMean {
     pub(super) base: Pose<Base, Start>,
 }
 
-/// Collects the samples of one touch in blocks. The first sample is a block of its own.
+/// Collects the samples of one touch in blocks. The first samples, from which the belief learns most, are taken one by one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blocks {
     length_m: f64,
@@ -100,6 +100,9 @@ impl Blocks {
         sample: &Sample,
     ) -> Option<BlockMean> {
         self.now_s += sample.dt_s;
+        if !self.has_begun {
+            self.alert(settings);
+        }
         self.count += 1.0;
         let values = [base.origin().x(), base.origin().y(), base.yaw_rad(), self.now_s, sample.reading_n_m];
         self.sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
@@ -168,10 +171,12 @@ mod tests {
 
     #[test]
     fn verif_a_block_ends_by_number_by_way_and_after_an_outlier() {
-        assert_eq!(counts(1e-6, 9, |_| 1.0), [1.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0]);
-        // The second block begins at the first sample, and its mean lies half a block later.
-        assert_eq!(counts(0.4e-3, 6, |_| 1.0), [1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
-        assert_eq!(counts(1e-6, 6, |i| if i == 0 { 9.0 } else { 1.0 }), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0]);
+        // The first 15 ms are four samples.
+        assert_eq!(counts(1e-6, 12, |_| 1.0), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0]);
+        // The way of a block counts from the mean of the one before.
+        assert_eq!(counts(0.4e-3, 9, |_| 1.0), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
+        let alert = |i| if i == 7 { 9.0 } else { 1.0 };
+        assert_eq!(counts(1e-6, 12, alert), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 4.0, 1.0, 1.0, 1.0, 0.0]);
     }
 
     #[test]
