@@ -84,6 +84,8 @@ pub(super) struct Follower<Model, const N: usize> {
 pub(super) struct Unrest {
     /// Second moment of the acceleration in Base (m2/s4).
     pub(super) second: Matrix3<f64>,
+    /// The present acceleration in Base (m/s2).
+    pub(super) acceleration_m_s2: Vector3<f64>,
     /// Displacement per time of a point of the whisker in the last step.
     velocity_m_s: Option<Vector3<f64>>,
 }
@@ -91,6 +93,9 @@ pub(super) struct Unrest {
 /// Time in which the oscillation of a wire along a surface decays to its e-th part, and time in which an acceleration excites it.
 const RINGING_S: f64 = 0.25;
 const EXCITED_S: f64 = 0.1;
+
+/// Time over which the present acceleration is averaged, against the noise of the poses.
+const ACCELERATION_S: f64 = 0.01;
 
 impl Unrest {
     /// Takes the motion of a step, of a point of the whisker at `middle_m` from the root.
@@ -101,7 +106,10 @@ impl Unrest {
         let point = Point::new(middle_m, 0.0, 0.0);
         let velocity_m_s = (sample.motion.apply(point).vector() - point.vector()) / sample.dt_s;
         let before_m_s = self.velocity_m_s.replace(velocity_m_s).unwrap_or(velocity_m_s);
-        let acceleration_m_s2 = (velocity_m_s - before_m_s) / sample.dt_s;
+        // The point, at rest in the world, moves in Base against the acceleration of the base.
+        let acceleration_m_s2 = (before_m_s - velocity_m_s) / sample.dt_s;
+        let share = 1.0 - (-sample.dt_s / ACCELERATION_S).exp();
+        self.acceleration_m_s2 += (acceleration_m_s2 - self.acceleration_m_s2) * share;
         self.second *= (-2.0 * sample.dt_s / RINGING_S).exp();
         self.second += acceleration_m_s2 * acceleration_m_s2.transpose() * (sample.dt_s / EXCITED_S);
     }

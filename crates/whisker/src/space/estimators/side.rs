@@ -28,12 +28,16 @@ const BEYOND_SD: f64 = 0.3;
 /// load on a beam clamped at one end and supported at the other.
 const INERTIA: f64 = 0.125;
 
+/// Smallest share of the length at which the inertia of the wire is felt as computed.
+const LEAST_SHARE: f64 = 0.05;
+
 /// The whisker in contact.
 #[derive(Clone)]
 pub(super) struct Side {
     pub(super) calibrated: Arc<CalibratedSpace>,
-    /// Mass of the wire.
-    pub(super) mass_kg: f64,
+    /// Mass and length of the wire.
+    mass_kg: f64,
+    length_m: f64,
     /// Variance of the measurement noise of each moment.
     noise_n2_m2: f64,
 }
@@ -46,6 +50,7 @@ impl Side {
         Self {
             calibrated: knowledge.calibrated.clone(),
             mass_kg: whisker.density_kg_m3 * section_m2 * whisker.length_m,
+            length_m: whisker.length_m,
             noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
         }
     }
@@ -92,6 +97,13 @@ impl Side {
     /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).
     pub(super) fn inertia_n_m(&self, at: Around, acceleration_m_s2: f64) -> f64 {
         INERTIA * self.mass_kg * acceleration_m_s2 * at.along_m
+    }
+
+    /// Mass of the wire as felt across it at a contact: the force there that deflects this point of a uniform cantilever as far
+    /// as its inertia does, per acceleration. Near the root, where the rest of the wire hangs over, it exceeds the mass.
+    pub(super) fn felt_mass_kg(&self, at: Around) -> f64 {
+        let share = (at.along_m / self.length_m).clamp(LEAST_SHARE, 1.0);
+        self.mass_kg * (6.0 - 4.0 * share + share * share) / (8.0 * share)
     }
 
     /// Limits the distance of a contact from the calibrated domain, which objects may push the whisker beyond.

@@ -387,7 +387,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let decay = (-sample.dt_s / TILT_S).exp();
         let variance = place.tilt_sd_rad(side, &self.unrest.second).powi(2);
         let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
-        let state = model.state(&object, &place, &mode.about.x);
+        let inertial_rad = place.tilt_rad(side, &self.unrest.acceleration_m_s2);
+        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial_rad;
         let at = Around::of_state(&(state + by_tilt * tilt_rad));
         let (expected_n_m, by_contact) = side.expect(at);
         let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
@@ -484,7 +485,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         };
         // The reading of the touch itself was detected by its size.
         if self.elapsed_s > sample.dt_s {
-            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest.second));
+            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest));
         }
         match &self.front {
             Some(front) if self.modes.is_empty() => {

@@ -1,8 +1,9 @@
 //! Readings that an object is fitted to, averaged where the pose of the base is nearly the same.
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
 
 use crate::frames::{Base, Start};
+use crate::space::estimators::follower::Unrest;
 use crate::space::frames::Pose;
 
 /// Largest displacement and rotation of the base among readings that are averaged, as long as they are few.
@@ -28,18 +29,13 @@ pub(super) struct Mean {
     /// Number of readings, and time that they cover.
     pub(super) count: f64,
     pub(super) duration_s: f64,
-    /// Mean of the second moment of the base's recent acceleration (m2/s4).
-    pub(super) unrest: Matrix3<f64>,
+    /// Mean of the base's recent acceleration and of its second moment.
+    pub(super) unrest: Unrest,
 }
 
 impl Mean {
     /// A single reading.
-    pub(super) fn new(
-        base: Pose<Base, Start>,
-        reading_n_m: Vector2<f64>,
-        duration_s: f64,
-        unrest: Matrix3<f64>,
-    ) -> Self {
+    pub(super) fn new(base: Pose<Base, Start>, reading_n_m: Vector2<f64>, duration_s: f64, unrest: Unrest) -> Self {
         let (shift_m, turn_rad) = (Vector3::zeros(), Vector3::zeros());
         Self { first: base, shift_m, turn_rad, reading_n_m, count: 1.0, duration_s, unrest }
     }
@@ -66,7 +62,9 @@ impl Mean {
         self.shift_m += (shift_m - self.shift_m) * share;
         self.turn_rad += (turn_rad - self.turn_rad) * share;
         self.reading_n_m += (other.reading_n_m - self.reading_n_m) * share;
-        self.unrest += (other.unrest - self.unrest) * share;
+        self.unrest.second += (other.unrest.second - self.unrest.second) * share;
+        let (here, there) = (&mut self.unrest.acceleration_m_s2, other.unrest.acceleration_m_s2);
+        *here += (there - *here) * share;
         self.duration_s += other.duration_s;
         self.count = count;
     }
@@ -122,11 +120,13 @@ impl Readings {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
 
     fn reading(x_m: f64, turn_rad: f64, reading_n_m: f64) -> Mean {
         let base = Pose::new(Vector3::x() * x_m, Rotation3::new(Vector3::z() * turn_rad));
-        Mean::new(base, Vector2::new(reading_n_m, 0.0), 4e-3, Matrix3::zeros())
+        Mean::new(base, Vector2::new(reading_n_m, 0.0), 4e-3, Unrest::default())
     }
 
     #[test]
@@ -149,7 +149,7 @@ mod tests {
         let base = Pose::new(Vector3::zeros(), rounded);
         let mut readings = Readings::default();
         for _ in 0..3 {
-            readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, Matrix3::zeros()));
+            readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, Unrest::default()));
         }
         assert!(readings.means()[0].base().rotation().iter().all(|entry| entry.is_finite()));
     }

@@ -1,7 +1,7 @@
 //! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Matrix2x3, SMatrix, SVector};
+use nalgebra::{Matrix2x4, SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::RestShape;
@@ -26,6 +26,11 @@ pub(super) const MOST_TRIALS: usize = 5;
 /// The same for a search that begins again from one of the first starts.
 pub(super) const START_TRIALS: usize = 12;
 
+/// Relative standard deviation of the tilt by inertia, the same at all contacts: near the natural frequency of the wire along the
+/// surface, the tilt exceeds that under an acceleration that changes slowly. Where the base moves to and fro, this tilt looks like
+/// another curvature of the object.
+const INERTIA_SD: f64 = 0.4;
+
 /// Prior of the state of a contact at its reference pose: independent entries.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prior<const N: usize> {
@@ -40,8 +45,9 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
-    /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model and that of the tilt.
-    pull: SMatrix<f64, N, 3>,
+    /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of the tilt, and
+    /// that of the tilt by inertia.
+    pull: SMatrix<f64, N, 4>,
 }
 
 impl<const N: usize> Quadratic<N> {
@@ -121,16 +127,18 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         };
         let place = &found.0;
         *near = place.at;
-        let (expected_n_m, by_contact) = side.expect(*near);
         let (slopes, by_tilt) = about.contact_slopes(*shape, &motion, &found);
+        let tilt_rad = place.tilt_rad(side, &mean.unrest.acceleration_m_s2);
+        let (expected_n_m, by_contact) = side.expect(Around::of_state(&(near.vector() + by_tilt * tilt_rad)));
         let slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration, its variance with the square.
         let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
-        let by_tilt = by_contact * by_tilt * place.tilt_sd_rad(side, &mean.unrest);
+        let by_inertia = by_contact * by_tilt * (tilt_rad * INERTIA_SD);
+        let by_tilt = by_contact * by_tilt * place.tilt_sd_rad(side, &mean.unrest.second);
         let model = side.model_covariance_n2_m2(*near);
         let of_mean = model + side.other_covariance_n2_m2(*near, mean.count);
         let mut covariance = of_mean + by_tilt * by_tilt.transpose() / repeats;
-        let inertia = side.inertia_n_m(*near, mean.unrest.trace().sqrt()).powi(2) / repeats;
+        let inertia = side.inertia_n_m(*near, mean.unrest.second.trace().sqrt()).powi(2) / repeats;
         (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);
         let Some(factor) = covariance.cholesky() else { return false };
         let residual = expected_n_m - mean.reading_n_m;
@@ -140,8 +148,8 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
         if let Some(model) = model.cholesky().map(|factor| factor.l()) {
-            let common = [model.column(0).into(), model.column(1).into(), by_tilt / repeats.sqrt()];
-            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x3::from_columns(&common))) * weight;
+            let common = [model.column(0).into(), model.column(1).into(), by_tilt / repeats.sqrt(), by_inertia];
+            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x4::from_columns(&common))) * weight;
         }
         true
     }
