@@ -473,6 +473,7 @@ fn fill_normal<const N: usize>(simd: impl Simd, states: &mut StateArray<N>, seed
 }
 
 /// Changes every state, given as many standard normal draws as it has components.
+#[allow(clippy::needless_range_loop, reason = "the columns are indexed by component and by step")]
 #[inline(always)]
 fn change_with_normals<S: Simd, const N: usize>(
     simd: S,
@@ -529,12 +530,11 @@ fn weigh<S: Simd>(
     [weight, residual, log]: [Rows<S>; 3],
     [sum, first, second, largest]: [&mut Rows<S>; 4],
 ) -> Rows<S> {
-    let (undefined, zero) = (residual.is_nan(), Rows::splat(simd, 0.0));
-    let weight = undefined.select(zero, weight);
-    let residual = undefined.select(zero, residual);
-    let log = undefined.select(Rows::splat(simd, f64::NEG_INFINITY), log);
+    let is_defined = residual.simd_eq(residual);
+    let residual = is_defined.select(residual, Rows::splat(simd, 0.0));
+    let log = is_defined.select(log, Rows::splat(simd, f64::NEG_INFINITY));
     let weighted = weight * residual;
-    *sum += weight;
+    *sum = is_defined.select(*sum + weight, *sum);
     *first += weighted;
     *second = weighted.mul_add_precise(residual, *second);
     *largest = largest.max(log);
