@@ -173,7 +173,7 @@ fn move_each(step: &Step, states: &mut StateArray<2>) {
     let [x_m, y_m] = states.columns_mut();
     let ([[a, b], [c, d]], [dx_m, dy_m]) = (step.turn.data.0, step.shift_m.data.0[0]);
     for (x_m, y_m) in x_m.iter_mut().zip(y_m) {
-        (*x_m, *y_m) = (a * *x_m + c * *y_m + dx_m, b * *x_m + d * *y_m + dy_m);
+        (*x_m, *y_m) = (a.mul_add(*x_m, c.mul_add(*y_m, dx_m)), b.mul_add(*x_m, d.mul_add(*y_m, dy_m)));
     }
 }
 

@@ -4,33 +4,50 @@
 //!
 //! Readings are scalar. Buffers are reused: only the first step of each kind allocates.
 
+use fearless_simd::prelude::*;
 use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
 
 use crate::robust::InflatedNoise;
-use crate::simd::{self, Column};
+use crate::simd::{self, Column, GROUPS, Generator, LANES, Rows, of_group};
 use crate::vectorised;
 use crate::{Gaussian, Innovation, Measurement, Process, StateArray, UpdateError, extended};
 
 /// Belief represented by weighted particles.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ParticleSet<const N: usize> {
     particles: StateArray<N>,
-    /// Normalised weights, one per particle.
+    /// Normalised weights, one per particle, [padded](simd::padded) as all columns.
     weights: Column,
     /// Logarithms of the weights, up to a common constant. They rank particles whose weights underflow.
     logs: Column,
+    summary: Summary,
     scratch: Scratch<N>,
 }
 
+/// Numbers about the weights that are found while they are computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Summary {
+    /// Largest logarithm.
+    largest_log: f64,
+    effective_size: f64,
+}
+
+impl Summary {
+    /// That of equal weights, whose logarithms are zero.
+    fn of_equal_weights(count: usize) -> Self {
+        Self { largest_log: 0.0, effective_size: count as f64 }
+    }
+}
+
 /// Buffers, kept between steps.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 struct Scratch<const N: usize> {
     particles: StateArray<N>,
     weights: Column,
     logs: Column,
+    summary: Summary,
     expected: StateArray<1>,
-    residuals: Column,
     /// Measurement noise variance at each particle, if it depends on the state.
     variances: Column,
     conditioned: Vec<Option<Conditioned<N>>>,
@@ -50,13 +67,14 @@ impl<const N: usize> ParticleSet<N> {
             particles: StateArray::zeros(count),
             weights: simd::column(count, 0.0),
             logs: simd::column(count, 0.0),
+            summary: Summary::of_equal_weights(count),
             expected: StateArray::zeros(count),
-            residuals: simd::column(count, 0.0),
             variances: simd::column(count, 0.0),
             conditioned: Vec::with_capacity(count),
             sources: vec![0; count + 1],
         };
-        Self { particles, weights: simd::column(count, 1.0 / count as f64), logs: simd::column(count, 0.0), scratch }
+        let (weights, logs) = (simd::column(count, 1.0 / count as f64), simd::column(count, 0.0));
+        Self { particles, weights, logs, summary: Summary::of_equal_weights(count), scratch }
     }
 
     /// Particles.
@@ -66,22 +84,22 @@ impl<const N: usize> ParticleSet<N> {
 
     /// Normalised weights.
     pub fn weights(&self) -> &[f64] {
-        &self.weights
+        &self.weights[..self.particles.len()]
     }
 
     /// Weighted mean.
     pub fn mean(&self) -> SVector<f64, N> {
-        vectorised!(mean(&self.particles, &self.weights))
+        vectorised!(simd => mean(simd, &self.particles, &self.weights))
     }
 
     /// Weighted mean and covariance.
     pub fn moments(&self) -> Gaussian<N> {
-        vectorised!(moments(&self.particles, &self.weights))
+        vectorised!(simd => moments(simd, &self.particles, &self.weights))
     }
 
-    /// Effective sample size, `1 / sum w^2`.
+    /// Effective sample size, `1 / sum w^2`, between 1 and the number of particles.
     pub fn effective_size(&self) -> f64 {
-        1.0 / vectorised!(sum_of_squares(&self.weights))
+        self.summary.effective_size
     }
 
     /// Applies `change` to every particle, for example to enforce bounds.
@@ -148,7 +166,7 @@ impl<const N: usize> ParticleSet<N> {
             measurement = measurement.at_gate(&self.mean(), &innovation, renewal.gate_sds);
             self.evaluate(&measurement, z)?;
         }
-        self.accept_weights();
+        self.try_weights();
         if self.effective_size() < renewal.share * self.particles.len() as f64 {
             self.restore_weights();
             self.renew(&measurement, z, renewal.bandwidth, rng)?;
@@ -163,18 +181,15 @@ impl<const N: usize> ParticleSet<N> {
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
     ) -> Result<Innovation<1>, UpdateError> {
-        let Scratch { logs, expected, residuals, variances, .. } = &mut self.scratch;
+        let Scratch { logs, summary, expected, variances, .. } = &mut self.scratch;
+        let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
-        let (sums, variance) = if let Some(noise) = measurement.constant_noise() {
+        let sums = if let Some(noise) = measurement.constant_noise() {
             if !is_positive(noise[0]) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
             measurement.predict_each(&self.particles, expected);
-            let expected = expected.column(0);
-            vectorised!(log_weights_constant_noise(residual, expected, noise[0], &self.logs, residuals, logs));
-            let sums = vectorised!(residual_sums(&self.weights, residuals));
-            let variance = noise[0] * sums.weight;
-            (sums, variance)
+            vectorised!(simd => log_weights_constant_noise(simd, residual, expected, noise[0], before, logs))
         } else {
             for (index, (variance, particle)) in variances.iter_mut().zip(self.particles.iter()).enumerate() {
                 let found = measurement.predict_with_noise(&particle).filter(|(expected, _)| !expected[0].is_nan());
@@ -182,32 +197,40 @@ impl<const N: usize> ParticleSet<N> {
                 expected.set(index, &at_particle);
                 *variance = noise[0];
             }
-            if !variances.iter().all(|&variance| is_positive(variance)) {
+            if !variances.iter().take(self.particles.len()).all(|&variance| is_positive(variance)) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
-            vectorised!(log_weights(residual, expected.column(0), variances, &self.logs, residuals, logs));
-            let sums = vectorised!(residual_sums(&self.weights, residuals));
-            (sums, vectorised!(total_variance(&self.weights, residuals, variances)))
+            vectorised!(simd => log_weights(simd, residual, expected, variances, before, logs))
         };
-        if vectorised!(simd::largest(logs)) == f64::NEG_INFINITY {
+        summary.largest_log = sums.largest_log;
+        if sums.largest_log == f64::NEG_INFINITY {
             return Err(UpdateError::NoPrediction);
         }
         let residual = sums.first / sums.weight;
-        let covariance = (sums.second + variance) / sums.weight - residual * residual;
+        let covariance = (sums.second + sums.variance) / sums.weight - residual * residual;
         Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(UpdateError::NotPositiveDefinite)
     }
 
-    /// Replaces the weights by those in the scratch buffer, which keeps the old ones.
+    /// Replaces the weights by those whose logarithms are in the scratch buffer.
     fn accept_weights(&mut self) {
         std::mem::swap(&mut self.logs, &mut self.scratch.logs);
-        std::mem::swap(&mut self.weights, &mut self.scratch.weights);
-        vectorised!(normalise(&mut self.weights, &mut self.logs));
+        std::mem::swap(&mut self.summary, &mut self.scratch.summary);
+        let (count, largest_log) = (self.particles.len(), self.summary.largest_log);
+        let found = vectorised!(simd => normalised(simd, count, &self.logs, largest_log, &mut self.weights));
+        self.summary.effective_size = found;
     }
 
-    /// Undoes [`Self::accept_weights`].
+    /// Does the same as [`Self::accept_weights`], but keeps the old weights for [`Self::restore_weights`].
+    fn try_weights(&mut self) {
+        std::mem::swap(&mut self.weights, &mut self.scratch.weights);
+        self.accept_weights();
+    }
+
+    /// Undoes [`Self::try_weights`].
     fn restore_weights(&mut self) {
         std::mem::swap(&mut self.logs, &mut self.scratch.logs);
         std::mem::swap(&mut self.weights, &mut self.scratch.weights);
+        std::mem::swap(&mut self.summary, &mut self.scratch.summary);
     }
 
     /// Draws the particles anew; see [`Self::update_or_renew`].
@@ -230,28 +253,38 @@ impl<const N: usize> ParticleSet<N> {
             *log = part.as_ref().map_or(f64::NEG_INFINITY, |part| old + part.log_evidence);
             conditioned.push(part);
         }
-        if vectorised!(simd::largest(logs)) == f64::NEG_INFINITY {
+        self.find_largest_log();
+        if self.scratch.summary.largest_log == f64::NEG_INFINITY {
             return Err(UpdateError::NoPrediction);
         }
         self.accept_weights();
         self.draw_sources(rng);
-        simd::fill_normal(self.scratch.particles.values_mut(), rng);
+        let seed = rng.next_u64();
+        vectorised!(simd => fill_normal(simd, &mut self.scratch.particles, seed));
         standardise(&mut self.scratch.particles);
         let Scratch { logs, conditioned, sources, particles: normals, .. } = &mut self.scratch;
-        for (index, log) in logs.iter_mut().enumerate() {
+        for (index, log) in logs.iter_mut().take(self.particles.len()).enumerate() {
             let drawn = conditioned[sources[index]].as_ref().map(|part| part.draw(&normals.get(index)));
             *log = drawn.as_ref().map_or(f64::NEG_INFINITY, |drawn| drawn.log_weight(measurement, z, &spread));
             if let Some(drawn) = drawn {
                 self.particles.set(index, &drawn.particle);
             }
         }
+        self.find_largest_log();
         self.accept_weights();
         Ok(())
     }
 
+    /// Finds the largest logarithm in the scratch buffer.
+    fn find_largest_log(&mut self) {
+        let Scratch { logs, summary, .. } = &mut self.scratch;
+        summary.largest_log = vectorised!(simd => simd::largest(simd, self.particles.len(), logs));
+    }
+
     /// Draws the parents of the new particles by systematic resampling with one random number (Kitagawa 1996).
     fn draw_sources(&mut self, rng: &mut impl Rng) {
-        vectorised!(systematic_sources(&self.weights, &mut self.scratch.sources, rng.random::<f64>()));
+        let weights = &self.weights[..self.particles.len()];
+        vectorised!(systematic_sources(weights, &mut self.scratch.sources, rng.random::<f64>()));
     }
 
     /// Systematic resampling with one random number (Kitagawa 1996), followed by a Gaussian kernel of `bandwidth`
@@ -268,6 +301,7 @@ impl<const N: usize> ParticleSet<N> {
         std::mem::swap(&mut self.particles, particles);
         self.weights.fill(1.0 / self.particles.len() as f64);
         self.logs.fill(0.0);
+        self.summary = Summary::of_equal_weights(self.particles.len());
 
         if let Some(factor) = (moments.covariance * (bandwidth * bandwidth)).cholesky() {
             let shrink = (1.0 - bandwidth * bandwidth).max(0.0).sqrt();
@@ -278,8 +312,8 @@ impl<const N: usize> ParticleSet<N> {
 
     /// Adds Gaussian noise to every particle; `factor` is the lower Cholesky factor of its covariance.
     fn add_noise(&mut self, factor: SMatrix<f64, N, N>, rng: &mut impl Rng) {
-        simd::fill_normal(self.scratch.particles.values_mut(), rng);
-        vectorised!(add_product(&mut self.particles, factor, &self.scratch.particles));
+        let seed = rng.next_u64();
+        vectorised!(simd => add_normal(simd, &mut self.particles, factor, seed));
     }
 }
 
@@ -376,31 +410,36 @@ fn standardise<const N: usize>(draws: &mut StateArray<N>) {
 }
 
 #[inline(always)]
-fn mean<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> SVector<f64, N> {
-    let mut mean = SVector::zeros();
-    for number in 0..N {
-        mean[number] = simd::sum([weights, particles.column(number)], |[w, x]| w * x);
-    }
-    mean
-}
-
-#[inline(always)]
-fn moments<const N: usize>(particles: &StateArray<N>, weights: &[f64]) -> Gaussian<N> {
-    let mean = mean(particles, weights);
-    let mut covariance = SMatrix::zeros();
-    for i in 0..N {
-        for j in 0..=i {
-            let columns = [weights, particles.column(i), particles.column(j)];
-            let both = simd::sum(columns, |[w, a, b]| w * (a - mean[i]) * (b - mean[j]));
-            (covariance[(i, j)], covariance[(j, i)]) = (both, both);
+fn mean<const N: usize>(simd: impl Simd, particles: &StateArray<N>, weights: &[f64]) -> SVector<f64, N> {
+    let columns = (weights, particles.padded_columns());
+    let [sums] = simd::sums(simd, particles.len(), columns, |weight, x, [sums]: &mut [[_; N]; 1]| {
+        for i in 0..N {
+            sums[i] = weight.mul_add_precise(x[i], sums[i]);
         }
-    }
-    Gaussian::new(mean, covariance)
+    });
+    sums.into()
 }
 
 #[inline(always)]
-fn sum_of_squares(weights: &[f64]) -> f64 {
-    simd::sum([weights], |[w]| w * w)
+fn moments<const N: usize>(simd: impl Simd, particles: &StateArray<N>, weights: &[f64]) -> Gaussian<N> {
+    let mean = mean(simd, particles, weights);
+    let columns = (weights, particles.padded_columns());
+    let sums = simd::sums(simd, particles.len(), columns, |weight, x, sums: &mut [[_; N]; N]| {
+        let mut offset = x;
+        for i in 0..N {
+            offset[i] -= mean[i];
+        }
+        for i in 0..N {
+            let weighted = weight * offset[i];
+            // The lower triangle, as a condition in a loop of constant length, which the compiler unrolls.
+            for j in 0..N {
+                if j <= i {
+                    sums[i][j] = weighted.mul_add_precise(offset[j], sums[i][j]);
+                }
+            }
+        }
+    });
+    Gaussian::new(mean, SMatrix::from_fn(|i, j| sums[i.max(j)][i.min(j)]))
 }
 
 /// Scales the distances of the particles from a centre by `factor`.
@@ -411,90 +450,191 @@ fn scale<const N: usize>(particles: &mut StateArray<N>, centre: SVector<f64, N>,
     }
 }
 
-/// Adds the product of a lower triangular matrix and the other states.
+/// Adds normal draws whose covariance has the lower Cholesky factor `factor`.
 #[inline(always)]
-fn add_product<const N: usize>(particles: &mut StateArray<N>, factor: SMatrix<f64, N, N>, others: &StateArray<N>) {
-    for (i, column) in particles.columns_mut().into_iter().enumerate() {
-        for j in (0..=i).filter(|&j| factor[(i, j)] != 0.0) {
-            let part = factor[(i, j)];
-            column.iter_mut().zip(others.column(j)).for_each(|(value, other)| *value += part * other);
+fn add_normal<const N: usize>(simd: impl Simd, states: &mut StateArray<N>, factor: SMatrix<f64, N, N>, seed: u64) {
+    change_with_normals(simd, states, seed, |mut state, normals| {
+        for i in 0..N {
+            // The lower triangle, as a condition in a loop of constant length, which the compiler unrolls.
+            for j in 0..N {
+                if j <= i {
+                    state[i] = normals[j].mul_add_precise(factor[(i, j)], state[i]);
+                }
+            }
+        }
+        state
+    });
+}
+
+/// Replaces the states by standard normal draws.
+#[inline(always)]
+fn fill_normal<const N: usize>(simd: impl Simd, states: &mut StateArray<N>, seed: u64) {
+    change_with_normals(simd, states, seed, |_, normals| normals);
+}
+
+/// Changes every state, given as many standard normal draws as it has components.
+#[allow(clippy::needless_range_loop, reason = "the columns are indexed by component and by step")]
+#[inline(always)]
+fn change_with_normals<S: Simd, const N: usize>(
+    simd: S,
+    states: &mut StateArray<N>,
+    seed: u64,
+    change: impl Fn([Rows<S>; N], [Rows<S>; N]) -> [Rows<S>; N],
+) {
+    let mut generator = Generator::new(simd, seed);
+    let steps = states.len().div_ceil(LANES);
+    let columns = states.padded_columns_mut().map(|column| &mut column.as_chunks_mut::<LANES>().0[..steps]);
+    for number in 0..steps {
+        let normals = generator.normals::<N>();
+        for group in 0..GROUPS {
+            let (mut state, mut draws) = ([Rows::splat(simd, 0.0); N], [Rows::splat(simd, 0.0); N]);
+            for i in 0..N {
+                state[i] = Rows::from_slice(simd, &columns[i][number][of_group(group)]);
+                draws[i] = normals[i][group];
+            }
+            let found = change(state, draws);
+            for i in 0..N {
+                found[i].store_slice(&mut columns[i][number][of_group(group)]);
+            }
         }
     }
 }
 
-/// Weighted sums over the particles at which the model is defined.
-struct ResidualSums {
+/// Weights before an update.
+#[derive(Clone, Copy)]
+struct Before<'a> {
+    weights: &'a [f64],
+    logs: &'a [f64],
+    largest_log: f64,
+}
+
+/// Weighted sums over the particles at which the model is defined, and the largest logarithm of the updated weights.
+#[derive(Debug, PartialEq)]
+struct Sums {
     /// Sum of the weights.
     weight: f64,
     /// Sum of the residuals.
     first: f64,
     /// Sum of the squared residuals.
     second: f64,
+    /// Sum of the measurement noise variances.
+    variance: f64,
+    largest_log: f64,
 }
 
+/// Adds particles to the sums of the weights, the residuals and the squared residuals, and to the largest logarithm.
+/// Returns the logarithms of their updated weights, minus infinity where the residual is NaN.
 #[inline(always)]
-fn residual_sums(weights: &[f64], residuals: &[f64]) -> ResidualSums {
-    let columns = [weights, residuals];
-    ResidualSums {
-        weight: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w }),
-        first: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * r }),
-        second: simd::sum(columns, |[w, r]| if r.is_nan() { 0.0 } else { w * (r * r) }),
-    }
+fn weigh<S: Simd>(
+    simd: S,
+    [weight, residual, log]: [Rows<S>; 3],
+    [sum, first, second, largest]: [&mut Rows<S>; 4],
+) -> Rows<S> {
+    let is_defined = residual.simd_eq(residual);
+    let residual = is_defined.select(residual, Rows::splat(simd, 0.0));
+    let log = is_defined.select(log, Rows::splat(simd, f64::NEG_INFINITY));
+    let weighted = weight * residual;
+    *sum = is_defined.select(*sum + weight, *sum);
+    *first += weighted;
+    *second = weighted.mul_add_precise(residual, *second);
+    *largest = largest.max(log);
+    log
 }
 
-/// Weighted sum of the measurement noise variances over the particles at which the model is defined.
+/// Values of a scalar function.
 #[inline(always)]
-fn total_variance(weights: &[f64], residuals: &[f64], variances: &[f64]) -> f64 {
-    simd::sum([weights, residuals, variances], |[w, r, variance]| if r.is_nan() { 0.0 } else { w * variance })
+fn each<S: Simd>(simd: S, rows: Rows<S>, function: impl Fn(f64) -> f64) -> Rows<S> {
+    let mut values = rows.to_array();
+    values.iter_mut().for_each(|value| *value = function(*value));
+    Rows::load_array(simd, values)
 }
 
-/// Writes the residuals and the logarithms of the updated weights, up to a common constant, for a constant noise variance.
+/// Writes the logarithms of the updated weights, up to a common constant, for a constant noise variance.
 #[inline(always)]
 fn log_weights_constant_noise(
+    simd: impl Simd,
     residual: impl Fn(f64) -> f64,
-    expected: &[f64],
+    expected: &StateArray<1>,
     variance: f64,
-    before: &[f64],
-    residuals: &mut [f64],
+    before: Before<'_>,
     logs: &mut [f64],
-) {
-    let factor = -0.5 / variance;
-    for (((log, written), &before), &expected) in logs.iter_mut().zip(residuals).zip(before).zip(expected) {
-        let residual = residual(expected);
-        *written = residual;
-        *log = if residual.is_nan() { f64::NEG_INFINITY } else { before + factor * (residual * residual) };
+) -> Sums {
+    let factor = Rows::splat(simd, -0.5 / variance);
+    let [readings] = expected.padded_columns();
+    let columns = (readings, [before.weights, before.logs]);
+    let start = [[0.0, 0.0, 0.0, f64::NEG_INFINITY]];
+    let [[weight, first, second, largest]] = simd::pass(
+        simd,
+        expected.len(),
+        columns,
+        [logs],
+        start,
+        |reading, [weight, log], [[sum, first, second, largest]]| {
+            let residual = each(simd, reading, &residual);
+            let log = factor.mul_add_precise(residual * residual, log - before.largest_log);
+            [weigh(simd, [weight, residual, log], [sum, first, second, largest])]
+        },
+    );
+    let weight = simd::total(weight);
+    Sums {
+        weight,
+        first: simd::total(first),
+        second: simd::total(second),
+        variance: variance * weight,
+        largest_log: simd::largest_part(largest),
     }
 }
 
-/// Writes the residuals and the logarithms of the updated weights, up to a common constant, for a noise variance per particle.
+/// Writes the logarithms of the updated weights, up to a common constant, for a noise variance per particle.
 #[inline(always)]
 fn log_weights(
+    simd: impl Simd,
     residual: impl Fn(f64) -> f64,
-    expected: &[f64],
+    expected: &StateArray<1>,
     variances: &[f64],
-    before: &[f64],
-    residuals: &mut [f64],
+    before: Before<'_>,
     logs: &mut [f64],
-) {
-    let numbers = before.iter().zip(expected).zip(variances);
-    for ((log, written), ((&before, &expected), &variance)) in logs.iter_mut().zip(residuals).zip(numbers) {
-        let residual = residual(expected);
-        *written = residual;
-        let density = -0.5 * (residual * residual / variance + simd::ln(variance));
-        *log = if residual.is_nan() { f64::NEG_INFINITY } else { before + density };
+) -> Sums {
+    let [readings] = expected.padded_columns();
+    let columns = (readings, [variances, before.weights, before.logs]);
+    let start = [[0.0, 0.0, 0.0, 0.0, f64::NEG_INFINITY]];
+    let [[variance, weight, first, second, largest]] = simd::pass(
+        simd,
+        expected.len(),
+        columns,
+        [logs],
+        start,
+        |reading, [variance, weight, log], [[total, sum, first, second, largest]]| {
+            let residual = each(simd, reading, &residual);
+            let density = (residual * residual / variance + each(simd, variance, simd::ln)) * -0.5;
+            let log = log - before.largest_log + density;
+            *total = residual.is_nan().select(*total, weight.mul_add_precise(variance, *total));
+            [weigh(simd, [weight, residual, log], [sum, first, second, largest])]
+        },
+    );
+    Sums {
+        weight: simd::total(weight),
+        first: simd::total(first),
+        second: simd::total(second),
+        variance: simd::total(variance),
+        largest_log: simd::largest_part(largest),
     }
 }
 
-/// Writes the normalised weights of given logarithms, which are shifted so that the largest is zero.
+/// Writes the normalised weights of given logarithms and returns their effective sample size.
 #[inline(always)]
-fn normalise(weights: &mut [f64], logs: &mut [f64]) {
-    let largest = simd::largest(logs);
-    for (weight, log) in weights.iter_mut().zip(logs) {
-        *log -= largest;
-        *weight = simd::exp(*log);
-    }
-    let share = 1.0 / simd::sum([&*weights], |[w]| w);
+fn normalised(simd: impl Simd, count: usize, logs: &[f64], largest_log: f64, weights: &mut [f64]) -> f64 {
+    let [[sum, squares]] =
+        simd::pass(simd, count, (logs, []), [&mut *weights], [[0.0; 2]], |log, [], [[sum, squares]]| {
+            let weight = simd::exp(simd, log - largest_log);
+            *sum += weight;
+            *squares = weight.mul_add_precise(weight, *squares);
+            [weight]
+        });
+    let (sum, squares) = (simd::total(sum), simd::total(squares));
+    let share = 1.0 / sum;
     weights.iter_mut().for_each(|weight| *weight *= share);
+    sum * sum / squares
 }
 
 /// Writes the index of the particle into whose interval of the cumulative weights each of the evenly spaced pointers
@@ -504,15 +644,135 @@ fn systematic_sources(weights: &[f64], sources: &mut [usize], start: f64) {
     let count = weights.len();
     sources.fill(0);
     let mut reached = 0.0;
-    for (source, weight) in weights.iter().enumerate() {
-        // First pointer within or after this particle's interval. A particle without pointers is overwritten by the next one.
-        let first = (reached * count as f64 - start).ceil() as usize;
-        sources[first.min(count)] = source;
-        reached += weight;
+    // Sums within chunks, so that a sum does not wait for the one before.
+    for (chunk, weights) in weights.chunks(8).enumerate() {
+        let mut within = 0.0;
+        for (place, weight) in weights.iter().enumerate() {
+            // First pointer within or after this particle's interval. A particle without pointers is overwritten by the
+            // next one.
+            let first = ((reached + within) * count as f64 - start).ceil() as usize;
+            sources[first.min(count)] = 8 * chunk + place;
+            within += weight;
+        }
+        reached += within;
     }
     let mut last = 0;
     for source in sources {
         last = last.max(*source);
         *source = last;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+    use nalgebra::{Matrix3, Vector3};
+
+    use super::*;
+    use crate::simd::tests::levels;
+
+    const SEED: u64 = 5;
+    const VARIANCE: f64 = 0.3;
+
+    /// What a step finds: states, logarithms and weights, sums of the innovation, effective sample size, and moments.
+    #[derive(Debug, PartialEq)]
+    struct Found {
+        states: Vec<Vector3<f64>>,
+        logs: Vec<f64>,
+        weights: Vec<f64>,
+        sums: Sums,
+        effective_size: f64,
+        moments: Gaussian<3>,
+    }
+
+    /// A step of `count` particles of which the second is outside the model's domain. The reading is the first component, zero.
+    #[inline(always)]
+    fn step(simd: impl Simd, count: usize, is_noise_constant: bool) -> Found {
+        let (mut states, mut expected) = (StateArray::<3>::zeros(count), StateArray::<1>::zeros(count));
+        fill_normal(simd, &mut states, SEED);
+        let factor = Matrix3::new(1.0, 0.0, 0.0, 0.4, 0.7, 0.0, -0.3, 0.2, 0.5);
+        add_normal(simd, &mut states, factor, SEED + 1);
+        expected.columns_mut()[0].copy_from_slice(states.column(0));
+        if count > 1 {
+            expected.set(1, &Vector1::new(f64::NAN));
+        }
+        let (mut logs, mut weights) = (simd::column(count, 0.0), simd::column(count, 1.0 / count as f64));
+        let (variances, zeros) = (simd::column(count, VARIANCE), simd::column(count, 0.0));
+        let before = Before { weights: &weights, logs: &zeros, largest_log: 0.0 };
+        let residual = |expected: f64| -expected;
+        let sums = if is_noise_constant {
+            log_weights_constant_noise(simd, residual, &expected, VARIANCE, before, &mut logs)
+        } else {
+            log_weights(simd, residual, &expected, &variances, before, &mut logs)
+        };
+        let effective_size = normalised(simd, count, &logs, sums.largest_log, &mut weights);
+        let moments = moments(simd, &states, &weights);
+        let (logs, weights) = (logs[..count].to_vec(), weights[..count].to_vec());
+        Found { states: states.iter().collect(), logs, weights, sums, effective_size, moments }
+    }
+
+    #[test]
+    fn verif_a_step_does_not_depend_on_the_instruction_set() {
+        for (count, is_noise_constant) in
+            [1, 2, 7, 8, 9, 15, 16, 17, 1000].into_iter().zip([true, false].into_iter().cycle())
+        {
+            let widest = vectorised!(simd => step(simd, count, is_noise_constant));
+            for level in levels() {
+                assert_eq!(
+                    dispatch!(level, simd => step(simd, count, is_noise_constant)),
+                    widest,
+                    "{level:?}, {count}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn val_a_step_agrees_with_the_formulas() {
+        for (count, is_noise_constant) in [(1, true), (2, false), (17, true), (33, false), (1000, true), (1000, false)]
+        {
+            let found = vectorised!(simd => step(simd, count, is_noise_constant));
+            let is_defined = |index: usize| index != 1;
+            let likelihood = |(index, state): (usize, &Vector3<f64>)| {
+                if is_defined(index) { (-0.5 * state[0] * state[0] / VARIANCE).exp() } else { 0.0 }
+            };
+            let likelihoods: Vec<f64> = found.states.iter().enumerate().map(likelihood).collect();
+            let total: f64 = likelihoods.iter().sum();
+            let weights = || likelihoods.iter().map(|likelihood| likelihood / total);
+            for (found, expected) in found.weights.iter().zip(weights()) {
+                assert!((found - expected).abs() <= 1e-11 * expected, "{count}: {found} {expected}");
+            }
+            let mean: Vector3<f64> = found.states.iter().zip(weights()).map(|(state, weight)| state * weight).sum();
+            let apart = |state: &Vector3<f64>| (state - mean) * (state - mean).transpose();
+            let covariance: Matrix3<f64> =
+                found.states.iter().zip(weights()).map(|(state, weight)| apart(state) * weight).sum();
+            assert!(
+                (found.moments.mean - mean).norm() < 1e-10 && (found.moments.covariance - covariance).norm() < 1e-10
+            );
+            let size = 1.0 / weights().map(|weight| weight * weight).sum::<f64>();
+            assert!((found.effective_size - size).abs() < 1e-10 * size);
+
+            let share = 1.0 / count as f64;
+            let residuals =
+                found.states.iter().enumerate().filter(|(index, _)| is_defined(*index)).map(|(_, state)| -state[0]);
+            let sum = |term: fn(f64) -> f64| residuals.clone().map(|residual| share * term(residual)).sum::<f64>();
+            let expected =
+                [sum(|_| 1.0), sum(|residual| residual), sum(|residual| residual * residual), sum(|_| VARIANCE)];
+            let Sums { weight, first, second, variance, .. } = found.sums;
+            for (found, expected) in [weight, first, second, variance].into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-12, "{count}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn val_added_noise_has_the_covariance_of_its_factor() {
+        let factor = Matrix3::new(1.0, 0.0, 0.0, 0.4, 0.7, 0.0, -0.3, 0.2, 0.5);
+        let mut states = StateArray::<3>::zeros(100_000);
+        vectorised!(simd => add_normal(simd, &mut states, factor, SEED));
+        let count = states.len() as f64;
+        let found = states.iter().map(|state| state * state.transpose()).sum::<Matrix3<f64>>() / count;
+        // The standard deviation of a product of two components is at most sqrt(2) here.
+        assert!((found - factor * factor.transpose()).amax() < 4.0 * (2.0 / count).sqrt(), "{found}");
     }
 }

@@ -6,18 +6,18 @@ use crate::simd::{self, Column};
 
 /// States of `N` components as a structure of arrays: the first components of all states, then the second ones. A loop
 /// over one component of all states reads contiguous memory.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct StateArray<const N: usize> {
     values: Column,
     count: usize,
-    /// Distance between the starts of two columns; each column is aligned to a cache line.
+    /// Distance between the starts of two columns, which are padded and aligned to a cache line.
     stride: usize,
 }
 
 impl<const N: usize> StateArray<N> {
     /// Array of `count` zero states.
     pub fn zeros(count: usize) -> Self {
-        let stride = count.next_multiple_of(simd::LINE);
+        let stride = simd::padded(count);
         Self { values: simd::column(N * stride, 0.0), count, stride }
     }
 
@@ -55,16 +55,26 @@ impl<const N: usize> StateArray<N> {
 
     /// Columns of all components.
     pub fn columns_mut(&mut self) -> [&mut [f64]; N] {
-        let mut rest = self.values.as_mut_slice();
-        std::array::from_fn(|_| {
-            let column = rest.split_off_mut(..self.stride).expect("there are N columns");
-            &mut column[..self.count]
-        })
+        let count = self.count;
+        self.padded_columns_mut().map(|column| &mut column[..count])
     }
 
-    /// All components, column by column, including the padding between columns.
-    pub(crate) fn values_mut(&mut self) -> &mut [f64] {
-        &mut self.values
+    /// Columns of all components, [padded](simd::padded).
+    pub(crate) fn padded_columns(&self) -> [&[f64]; N] {
+        std::array::from_fn(|number| &self.values[number * self.stride..][..self.stride])
+    }
+
+    /// Columns of all components, [padded](simd::padded).
+    pub(crate) fn padded_columns_mut(&mut self) -> [&mut [f64]; N] {
+        let mut rest = self.values.as_mut_slice();
+        std::array::from_fn(|_| rest.split_off_mut(..self.stride).expect("there are N columns"))
+    }
+}
+
+/// Equality of the states, whatever the padding.
+impl<const N: usize> PartialEq for StateArray<N> {
+    fn eq(&self, other: &Self) -> bool {
+        self.count == other.count && (0..N).all(|number| self.column(number) == other.column(number))
     }
 }
 
