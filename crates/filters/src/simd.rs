@@ -336,7 +336,7 @@ fn radii<S: Simd>(simd: S, magnitudes: f32x16<S>) -> f32x16<S> {
 /// Sines and cosines of `t` times `pi / 2`, for `t` from -1 to 1, by minimax polynomials.
 #[inline(always)]
 fn sines_and_cosines<S: Simd>(simd: S, t: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
-    const SINE: [f32; 5] = [FRAC_PI_2, -0.645_963_4, 0.079_688_48, -4.672_228e-3, 1.508_205_6e-4];
+    const SINE: [f32; 5] = [FRAC_PI_2, -0.645_964_26, 0.079_691_41, -4.675_879_6e-3, 1.523_677_6e-4];
     const COSINE: [f32; 5] = [1.0, -1.233_698_8, 0.253_653_2, -0.020_813_966, 8.596_899_6e-4];
     let squared = t * t;
     let (mut sine, mut cosine) = (f32x16::splat(simd, SINE[4]), f32x16::splat(simd, COSINE[4]));
