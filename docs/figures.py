@@ -190,6 +190,8 @@ def figure(source: str) -> str:
     style = style[:-1] if may_lack else style
     found = matching(key)
     if may_lack and not found:
+        if not matching(f"{key.rpartition('/')[0]}/*"):
+            raise FigureError(f"`{source}`: found no row, expected 1")
         return "none"
     if not found or (len(found) > 1 and reduction is None):
         raise FigureError(f"`{source}`: found {len(found)} values, expected {'at least 1' if reduction else '1'}")

@@ -141,8 +141,8 @@ def tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("p95 claims.* .1f", "12.3"),
         ("sum claims.* .1f", "12.4"),
         ("count claims.*", "2"),
-        ("claims.mean .2f mm or-none", "70.10"),
-        ("claims.median .2f mm or-none", "none"),
+        ("summary.standard/pin/straight/ekf/0.01/rmse_m .3f mm or-none", "0.049"),
+        ("summary.standard/pin/straight/ekf/0.01/nees .2f or-none", "none"),
         ("unmet_count", "1"),
         ("summary.standard/pin/straight/ekf/0.01/rmse_m .3f mm", "0.049"),
         ("max summary.standard/*/*/u*/0..0.05/rmse_m .0e", "6e-5"),
@@ -165,6 +165,7 @@ def test_verif_claims_that_do_not_hold_form_a_table() -> None:
     [
         ("claims.median .2f", "`claims.median .2f`: found 0 values, expected 1"),
         ("claims.* .2f", "`claims.* .2f`: found 2 values, expected 1"),
+        ("claims.median/bound .2f or-none", "`claims.median/bound .2f or-none`: found no row, expected 1"),
         ("results.mean .2f", "found table `results`, expected one of claims"),
         ("claims.mean .2q", "`claims.mean .2q`: "),
         ("claims.mean .2f inch", "`claims.mean .2f inch`: "),

@@ -16,7 +16,7 @@ PIN_RADIUS_M = 0.5e-3 + 0.125e-3
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--suite", default="smoke", help="suite in datasets/ whose replays are compared with the command's")
+    parser.addoption("--suite", help="suite in datasets/ whose replays are compared with the command's (default: smoke)")
 
 
 def calibration_lines(whisker: wc.Whisker, sign: float, lines: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:

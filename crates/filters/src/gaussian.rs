@@ -109,7 +109,7 @@ impl<const M: usize> Innovation<M> {
         Factor::of(&covariance).map(|factor| Self::new(residual, covariance, &factor))
     }
 
-    /// Innovation whose covariance is multiplied by a positive factor.
+    /// The same residual, with its covariance multiplied by a positive factor.
     pub fn scaled(&self, factor: f64) -> Self {
         Self { residual: self.residual, covariance: self.covariance * factor, nis: self.nis / factor }
     }

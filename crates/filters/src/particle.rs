@@ -25,7 +25,7 @@ pub struct ParticleSet<const N: usize> {
     scratch: Scratch<N>,
 }
 
-/// Numbers about the weights that are found while they are computed.
+/// Quantities of the weights that are computed along with them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Summary {
     /// Largest logarithm.
@@ -34,7 +34,7 @@ struct Summary {
 }
 
 impl Summary {
-    /// That of equal weights, whose logarithms are zero.
+    /// Summary of equal weights, whose logarithms are zero.
     fn of_equal_weights(count: usize) -> Self {
         Self { largest_log: 0.0, effective_size: count as f64 }
     }
@@ -220,7 +220,7 @@ impl<const N: usize> ParticleSet<N> {
         self.summary.effective_size = found;
     }
 
-    /// Does the same as [`Self::accept_weights`], but keeps the old weights for [`Self::restore_weights`].
+    /// As [`Self::accept_weights`], but keeps the old weights for [`Self::restore_weights`].
     fn try_weights(&mut self) {
         std::mem::swap(&mut self.weights, &mut self.scratch.weights);
         self.accept_weights();
@@ -541,7 +541,7 @@ fn weigh<S: Simd>(
     log
 }
 
-/// Values of a scalar function.
+/// Applies a scalar function to each row.
 #[inline(always)]
 fn each<S: Simd>(simd: S, rows: Rows<S>, function: impl Fn(f64) -> f64) -> Rows<S> {
     let mut values = rows.to_array();
@@ -644,7 +644,7 @@ fn systematic_sources(weights: &[f64], sources: &mut [usize], start: f64) {
     let count = weights.len();
     sources.fill(0);
     let mut reached = 0.0;
-    // Sums within chunks, so that a sum does not wait for the one before.
+    // Sums within chunks shorten the chain of dependent additions.
     for (chunk, weights) in weights.chunks(8).enumerate() {
         let mut within = 0.0;
         for (place, weight) in weights.iter().enumerate() {

@@ -20,18 +20,18 @@ use aligned_vec::{AVec, ConstAlign};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, f64x8, i32x16, u32x16, u64x8};
 
-/// Number of partial sums, and of rows of which [`pass`] takes one step: two of the widest registers.
+/// Number of partial sums, and of rows that [`pass`] processes per step: two of the widest registers.
 pub(crate) const LANES: usize = 16;
 
 /// Array aligned to a cache line, so that no vector access crosses two lines.
 pub(crate) type Column = AVec<f64, ConstAlign<64>>;
 
-/// Array of `count` elements of one value, and of so many more that it is divided into whole steps.
+/// Array of `count` elements of one value, padded to whole steps.
 pub(crate) fn column(count: usize, value: f64) -> Column {
     AVec::from_iter(64, std::iter::repeat_n(value, padded(count)))
 }
 
-/// Smallest length of whole steps that contains `count` rows.
+/// `count` rounded up to a multiple of [`LANES`].
 pub(crate) fn padded(count: usize) -> usize {
     count.next_multiple_of(LANES)
 }
@@ -99,7 +99,7 @@ pub(crate) fn pass<S: Simd, const C: usize, const D: usize, const J: usize, cons
 ) -> [[Parts<S>; K]; J] {
     let zero = Rows::splat(simd, 0.0);
     let steps = count.div_ceil(LANES);
-    // Slices of equal length spare the checks of bounds.
+    // Slices of equal length make bounds checks unnecessary.
     let first = &first.as_chunks::<LANES>().0[..steps];
     let others = others.map(|column| &column.as_chunks::<LANES>().0[..steps]);
     let outputs = outputs.map(|column| &mut column.as_chunks_mut::<LANES>().0[..steps]);
@@ -268,7 +268,7 @@ impl<S: Simd> Generator<S> {
     #[inline(always)]
     pub(crate) fn normals<const N: usize>(&mut self) -> [Parts<S>; N] {
         let mut normals = [[Rows::splat(self.simd, 0.0); GROUPS]; N];
-        // Of the last pair of an odd number of components one half is unused.
+        // For an odd number of components, half of the last pair is unused.
         for pair in 0..N.div_ceil(2) {
             let (radius_bits, angle_bits) = (self.next(), self.next());
             let (ones, others) = normal_pairs(self.simd, radius_bits, angle_bits);
@@ -306,7 +306,7 @@ fn normal_pairs<S: Simd>(simd: S, radius_bits: u32x16<S>, angle_bits: u32x16<S>)
     (signed_radii * sines, signed_radii * cosines)
 }
 
-/// Numbers of which the bits are the two's complement.
+/// Bits read as signed integers in two's complement, converted to `f32`.
 #[inline(always)]
 fn signed<S: Simd>(bits: u32x16<S>) -> f32x16<S> {
     f32x16::float_from(bits.bitcast::<i32x16<S>>())

@@ -71,7 +71,7 @@ impl<const N: usize> StateArray<N> {
     }
 }
 
-/// Equality of the states, whatever the padding.
+/// Compares the states; ignores the padding.
 impl<const N: usize> PartialEq for StateArray<N> {
     fn eq(&self, other: &Self) -> bool {
         self.count == other.count && (0..N).all(|number| self.column(number) == other.column(number))

@@ -22,13 +22,13 @@ const MOVING: [(&str, &str); 6] = [
     ("circle_2p0", "circle at 2 mm/s"),
 ];
 
-/// Error of an accurate contact on an object that moves, and the time within which other trials have to be in doubt.
+/// Largest error of an accurate contact on a moving object, and time within which the other trials must be in doubt.
 const ACCURATE_M: f64 = 0.3e-3;
 const DOUBT_WITHIN_S: f64 = 0.5;
 
 pub(super) fn claims() -> Vec<Claim> {
     let outlines = HOLLOW.into_iter().flat_map(|object| WHISKERS.map(|whisker| outline(object, whisker)));
-    let moving = MOVING.into_iter().flat_map(|object| WHISKERS.map(|whisker| sure_and_wrong(object, whisker)));
+    let moving = MOVING.into_iter().flat_map(|object| WHISKERS.map(|whisker| accurate_or_in_doubt(object, whisker)));
     let covered = |context: &Context| Ok(percent(of_hollow(context), &consistency::COVERAGE));
     let ellipses = about("objects that are not convex: stated 95 % ellipses that hold the truth, mean over trials");
     let others = [
@@ -43,7 +43,7 @@ pub(super) fn claims() -> Vec<Claim> {
         ),
         Claim::at_least(
             "hollow_second_precision".into(),
-            about("signals raised during a second contact or within 0.2 s after it, mean over trials"),
+            about("signals raised during a second contact or within 0.2 s after it, mean over trials with signals"),
             95.0,
             "%",
             |context| Ok(percent(of_hollow(context), &second::PRECISION)),
@@ -70,8 +70,8 @@ fn outline(object: &'static str, whisker: &'static str) -> Claim {
     )
 }
 
-/// Share of the trials on an object that moves whose contacts are accurate, or whose models are in doubt in time.
-fn sure_and_wrong((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
+/// Share of the trials on a moving object whose contacts are accurate or whose models are in doubt in time.
+fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
     Claim::at_least(
         format!("moving_{object}_{whisker}"),
         about(&format!(

@@ -532,7 +532,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left = left;
     }
 
-    /// Predicts a further sample from a belief. The covariance is that before the motion.
+    /// Predicts a further sample from a belief, whose covariance is used without propagation: the process noise of a block is small
+    /// beside that of the reading.
     pub(super) fn look_ahead_from(&self, belief: &Gaussian<N>, sample: &Sample) -> Ahead {
         let moved = self.motion.step(&self.side, sample).predict(&belief.mean);
         let place = |x| self.side.face.contact_at(AlongAway::of_state(x));

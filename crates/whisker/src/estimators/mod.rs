@@ -220,12 +220,12 @@ impl Knowledge {
     }
 }
 
-/// Prediction of a sample from the estimate before it.
+/// Prediction of a sample from the last estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Ahead {
     /// Displacement (m, in Base after the motion) by which the contact slides over the object.
     pub slip_m: Vector2<f64>,
-    /// Normalised innovation squared of the reading. `None` if no reading is expected.
+    /// Normalised innovation squared of the reading. `None` if no reading is predicted.
     pub nis: Option<f64>,
 }
 
@@ -241,7 +241,7 @@ pub trait Tracker: Send {
     }
 
     /// Predicts a further sample from the last estimate, without taking it. Default: the contact rests, and no reading is
-    /// expected.
+    /// predicted.
     fn look_ahead(&self, _sample: &Sample) -> Ahead {
         Ahead::default()
     }

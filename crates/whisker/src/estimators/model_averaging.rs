@@ -13,9 +13,9 @@
 //! in the same way imitate them. For the mean, which needs a decision, the power is larger than for the covariance, and
 //! evidence below a threshold does not count.
 //!
-//! The variance of the sensor model's error is an upper bound, and depends on the place. Where the innovations are smaller than
-//! stated, `ln det S` would favour the candidate whose contact has the smallest variance, whatever its residuals. In the evidence `S` is
-//! therefore multiplied by the mean normalised innovation squared of the mixture, if that is below 1.
+//! The stated variance of the sensor model's error is an upper bound that depends on the place. Where the innovations are smaller
+//! than stated, `ln det S` would favour the candidate whose contact has the smallest variance, whatever its residuals. In the
+//! evidence, `S` is therefore multiplied by the running mean of the mixture's normalised innovations squared, if this is below 1.
 //!
 //! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
 //! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
@@ -205,26 +205,28 @@ fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, Setting
 
 /// Averages methods whose estimates depend on the samples so far.
 pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
-    build(config, knowledge, false)
+    build(parse(config)?, knowledge, false)
 }
 
 /// Averages methods that smooth over the whole contact.
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    // Settings that are not given are those of hindsight.
+    let config = match config.as_object() {
+        Some(own) => parse::<Config>(&extended(super::to_json(&Config::hindsight()), own))?,
+        None => parse(config)?,
+    };
+    // Revised estimates are those of single samples.
+    within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
     build(config, knowledge, true)
 }
 
-fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
-    let config: Config = parse(config)?;
+fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
         let settings = extended((row.defaults)(), &candidate.settings);
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    if looks_back {
-        // Revised estimates are those of single samples.
-        within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
-    }
     let is_watched = !looks_back && config.watched.evidence > 0.0;
     let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
         let row = row_of(WATCHED, looks_back)?;
@@ -233,7 +235,8 @@ fn build(config: &Value, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, watched: watched.transpose()? }))
 }
 
-/// Smallest factor of the covariances of innovations in the evidence.
+/// Smallest factor of the innovation covariances in the evidence, so that after nearly exact readings one of ordinary size does not
+/// decide between candidates.
 const LEAST_FACTOR: f64 = 0.05;
 
 /// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share` is
@@ -486,6 +489,7 @@ impl AveragingTracker {
     fn begin_again(&mut self) {
         let face = self.face.clone();
         self.begin_again_with(&Touch { face: &face, history: &[], before: self.base, contact_prior: None, seed: 0 });
+        self.blocks.alert(&self.config.block);
     }
 
     /// Begins a new touch. Candidates that keep no belief of the object begin anew.
@@ -578,12 +582,14 @@ impl Tracker for AveragingTracker {
         if settings.samples == 1 {
             return self.step_mean_of(sample, 1.0);
         }
-        let since = self.blocks.since_mean(&self.base, sample);
-        let ahead = if self.blocks.is_calm() { self.look_ahead(&since) } else { Ahead::default() };
+        let mut since = self.blocks.since_mean(&self.base, sample);
+        let mut ahead = if self.blocks.is_calm(sample) { self.look_ahead(&since) } else { Ahead::default() };
         if ahead.nis.is_some_and(|nis| nis > settings.sample_nis) {
-            // The samples before are those of the contact from before a jump.
+            // The samples collected so far belong to the contact before the jump.
             if let Some(block) = self.blocks.end() {
                 self.take(&block);
+                since = self.blocks.since_mean(&self.base, sample);
+                ahead = self.look_ahead(&since);
             }
             self.blocks.alert(&settings);
         }
@@ -641,10 +647,12 @@ impl Tracker for AveragingTracker {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Mutex;
 
     use super::*;
     use crate::estimators::side::Side;
     use crate::estimators::testing::knowledge;
+    use crate::sensor::AlongAway;
 
     /// A tracker of two candidates, of which the second is considered, with these probabilities.
     fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
@@ -781,6 +789,73 @@ mod tests {
         assert!(gained.abs() < 1e-5, "{gained}");
     }
 
+    /// A candidate that states a contact at one place in Base, records the means that it takes, and is surprised by negative readings.
+    struct Recorder(Arc<Mutex<Vec<(f64, f64)>>>, Estimate);
+
+    impl Tracker for Recorder {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
+            self.0.lock().unwrap().push((count, sample.reading_n_m));
+            let innovation = Innovation::of(Vector1::new(0.5), Matrix1::new(1.0));
+            Some(Estimate { innovation, ..self.1 })
+        }
+
+        fn look_ahead(&self, sample: &Sample) -> Ahead {
+            Ahead { nis: Some(if sample.reading_n_m < 0.0 { 100.0 } else { 1.0 }), ..Ahead::default() }
+        }
+    }
+
+    /// Feeds samples of a base that moves by `WAY_M` a sample until three are collected in a block, and then one that surprises.
+    /// Returns the blocks that this ends, the estimates of the last two samples, and the place of the recorded contact.
+    fn blocks_at_a_surprise(alert_s: f64) -> (Vec<(f64, f64)>, [Estimate; 2], Point<Base>) {
+        let knowledge = Arc::new(knowledge());
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let contact = knowledge.faces[0].contact_at(AlongAway::new(0.055, 3e-3));
+        let at = side.estimate_at(contact, true, Matrix2::identity() * 1e-8, None);
+        let row = estimator("ekf").unwrap();
+        let taken = Arc::new(Mutex::new(Vec::new()));
+        let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
+        let block = BlockSettings { samples: 8, alert_s, ..BlockSettings::default() };
+        tracker.config = Arc::new(Config { block, ..(*tracker.config).clone() });
+        (tracker.considered, tracker.weights, tracker.right) = (vec![false], vec![1.0], Modes::new([1.0]));
+        tracker.methods = Arc::new([("ekf", (row.build)(&(row.defaults)(), &knowledge).unwrap())]);
+        tracker.trackers = vec![Box::new(Recorder(taken.clone(), at))];
+        let sample = |reading_n_m| Sample { motion: Pose::new(-WAY_M, 0.0, 0.0), dt_s: 4e-3, reading_n_m };
+        let collected = |fed: u32| f64::from(fed) - taken.lock().unwrap().iter().map(|(count, _)| count).sum::<f64>();
+        let mut fed = 0;
+        let mut before = None;
+        while fed < 60 || collected(fed) < 3.0 {
+            before = tracker.step(&sample(1.0));
+            fed += 1;
+        }
+        taken.lock().unwrap().clear();
+        let after = tracker.step(&sample(-1.0));
+        let taken = taken.lock().unwrap().clone();
+        (taken, [before.unwrap(), after.unwrap()], contact)
+    }
+
+    const WAY_M: f64 = 1e-5;
+
+    #[test]
+    fn verif_a_surprising_sample_ends_the_block_before_it() {
+        let (taken, [before, after], contact) = blocks_at_a_surprise(0.1);
+        assert_eq!(taken, [(3.0, 1.0), (1.0, -1.0)]);
+        // The innovation is that of a block, at its end.
+        assert!(before.innovation.is_none() && after.innovation.is_some());
+        assert_eq!(after.contact, contact);
+    }
+
+    #[test]
+    fn verif_within_a_block_the_contact_moves_with_the_base_since_the_last_mean() {
+        let (taken, [_, after], contact) = blocks_at_a_surprise(0.0);
+        assert_eq!(taken, [(3.0, 1.0)]);
+        // The mean of three samples lies two samples before the surprising one.
+        assert!((after.contact.x() - (contact.x() - 2.0 * WAY_M)).abs() < 1e-12, "{after:?}");
+    }
+
     #[test]
     fn robust_methods_that_smooth_take_no_blocks() {
         let knowledge = Arc::new(knowledge());
@@ -791,6 +866,9 @@ mod tests {
         assert!(build_hindsight(&config(1), &knowledge).is_ok());
         let refused = build_hindsight(&config(2), &knowledge).err().unwrap().to_string();
         assert!(refused.contains("block.samples"), "{refused}");
+        // Settings in part leave the others at the defaults of hindsight.
+        let in_part = serde_json::json!({"candidates": [{"name": "batch", "weight": 1.0}]});
+        assert!(build_hindsight(&in_part, &knowledge).is_ok());
     }
 
     #[test]

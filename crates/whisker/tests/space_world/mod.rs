@@ -16,7 +16,7 @@ pub(crate) const RATE_HZ: f64 = 250.0;
 
 /// A calibration with the exact parameters, from 30 to 62 mm along the whisker and up to 3 s^2 away from it.
 ///
-/// The wire has hardly any mass: exact contacts are equilibria without inertia, for which estimators would correct.
+/// The wire has almost no mass: exact contacts are equilibria without inertia, and estimators would correct for inertia.
 pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
     let whisker = Whisker { density_kg_m3: 1e-3 * whisker.density_kg_m3, ..whisker };
     let k = whisker.root_stiffness_n_m_rad;

@@ -1,4 +1,4 @@
-//! Certainty on random scenes, which no setting was chosen on, on contacts with friction, and on objects that are not convex or move.
+//! Certainty on random scenes on which no setting was chosen, on contacts with friction, and on objects that are not convex or move.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};
@@ -19,7 +19,7 @@ const FRICTION: &str = "friction";
 /// Suite of objects that are not convex or move.
 const HOLLOW: &str = "hollow";
 
-/// Seeds of the measurement noise of the last two suites, as docs/CERTAINTY.md states.
+/// Seeds of the measurement noise of the suites `friction` and `hollow`, as docs/CERTAINTY.md states.
 const SEEDS: u32 = 20;
 
 /// Set of claims, and the folder of their table.

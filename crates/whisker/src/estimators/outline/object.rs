@@ -40,7 +40,7 @@ pub(super) struct Expected {
 }
 
 impl Expected {
-    /// The contact.
+    /// Predicted contact.
     pub(super) fn point(&self) -> Point<Base> {
         self.contact.point
     }

@@ -84,7 +84,7 @@ pub(super) struct Follower<Model, const N: usize> {
 pub(super) struct Unrest {
     /// Second moment of the acceleration in Base (m2/s4).
     pub(super) second: Matrix3<f64>,
-    /// The present acceleration in Base (m/s2).
+    /// Present acceleration in Base (m/s2), averaged over [`ACCELERATION_S`].
     pub(super) acceleration_m_s2: Vector3<f64>,
     /// Displacement per time of a point of the whisker in the last step.
     velocity_m_s: Option<Vector3<f64>>,
@@ -94,7 +94,7 @@ pub(super) struct Unrest {
 const RINGING_S: f64 = 0.25;
 const EXCITED_S: f64 = 0.1;
 
-/// Time over which the present acceleration is averaged, against the noise of the poses.
+/// Averaging time of the present acceleration, which reduces the effect of the noise of the poses.
 const ACCELERATION_S: f64 = 0.01;
 
 impl Unrest {
@@ -106,7 +106,7 @@ impl Unrest {
         let point = Point::new(middle_m, 0.0, 0.0);
         let velocity_m_s = (sample.motion.apply(point).vector() - point.vector()) / sample.dt_s;
         let before_m_s = self.velocity_m_s.replace(velocity_m_s).unwrap_or(velocity_m_s);
-        // The point, at rest in the world, moves in Base against the acceleration of the base.
+        // A point at rest in the world accelerates in Base opposite to the base.
         let acceleration_m_s2 = (before_m_s - velocity_m_s) / sample.dt_s;
         let share = 1.0 - (-sample.dt_s / ACCELERATION_S).exp();
         self.acceleration_m_s2 += (acceleration_m_s2 - self.acceleration_m_s2) * share;
@@ -176,5 +176,26 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         let mut estimate = self.side.estimate(&belief, innovation)?;
         self.model.describe(&self.side, &belief, &mut estimate);
         Some(estimate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector2};
+
+    use super::*;
+    use crate::space::frames::Pose;
+
+    #[test]
+    fn verif_the_acceleration_is_that_of_the_base() {
+        const DT_S: f64 = 4e-3;
+        let mut unrest = Unrest::default();
+        for i in 0..50 {
+            let moved_m = Vector3::y() * (0.3 * f64::from(i) * DT_S * DT_S);
+            let motion = Pose::new(-moved_m, Rotation3::identity());
+            unrest.advance(&Sample { motion, dt_s: DT_S, reading_n_m: Vector2::zeros() }, 0.04);
+        }
+        assert!((unrest.acceleration_m_s2 - Vector3::y() * 0.3).norm() < 1e-6, "{unrest:?}");
+        assert!(unrest.second[(1, 1)] > 0.0 && unrest.second[(0, 0)] == 0.0, "{unrest:?}");
     }
 }

@@ -28,8 +28,15 @@ const BEYOND_SD: f64 = 0.3;
 /// load on a beam clamped at one end and supported at the other.
 const INERTIA: f64 = 0.125;
 
-/// Smallest share of the length at which the inertia of the wire is felt as computed.
+/// Smallest relative arc length at which the effective mass is evaluated; nearer to the root, that at this place is used.
 const LEAST_SHARE: f64 = 0.05;
+
+/// Effective mass of a uniform cantilever at a relative arc length, over its mass: the deflection by a uniform load over that by a
+/// unit force at the place.
+fn effective_mass(share: f64) -> f64 {
+    let share = share.clamp(LEAST_SHARE, 1.0);
+    (6.0 - 4.0 * share + share * share) / (8.0 * share)
+}
 
 /// The whisker in contact.
 #[derive(Clone)]
@@ -99,11 +106,11 @@ impl Side {
         INERTIA * self.mass_kg * acceleration_m_s2 * at.along_m
     }
 
-    /// Mass of the wire as felt across it at a contact: the force there that deflects this point of a uniform cantilever as far
-    /// as its inertia does, per acceleration. Near the root, where the rest of the wire hangs over, it exceeds the mass.
-    pub(super) fn felt_mass_kg(&self, at: Around) -> f64 {
-        let share = (at.along_m / self.length_m).clamp(LEAST_SHARE, 1.0);
-        self.mass_kg * (6.0 - 4.0 * share + share * share) / (8.0 * share)
+    /// Effective transverse mass of the wire at a contact: the force per acceleration that, applied there, deflects this point of a
+    /// uniform cantilever as far as its distributed inertia does. Near the root it exceeds the mass of the wire, because the rest of
+    /// the wire lies beyond the contact.
+    pub(super) fn effective_mass_kg(&self, at: Around) -> f64 {
+        self.mass_kg * effective_mass(at.along_m / self.length_m)
     }
 
     /// Limits the distance of a contact from the calibrated domain, which objects may push the whisker beyond.
@@ -199,5 +206,22 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         let mut jacobian = SMatrix::<f64, 2, N>::zeros();
         jacobian.fixed_columns_mut::<3>(0).copy_from(&slopes);
         Some((expected, jacobian))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_effective_mass_is_that_of_the_deflections_of_a_cantilever() {
+        // Deflection at `x` by a unit force at `u`, times 6 EI.
+        let by_force = |x: f64, u: f64| if u < x { u * u * (3.0 * x - u) } else { x * x * (3.0 * u - x) };
+        for x in [0.1, 0.5, 1.0] {
+            const PARTS: u32 = 10_000;
+            let by_load = (0..PARTS).map(|i| by_force(x, (f64::from(i) + 0.5) / f64::from(PARTS))).sum::<f64>();
+            let expected = by_load / f64::from(PARTS) / by_force(x, x);
+            assert!((effective_mass(x) - expected).abs() < 1e-6 * expected, "{x}: {expected}");
+        }
     }
 }

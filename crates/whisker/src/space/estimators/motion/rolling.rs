@@ -30,7 +30,7 @@ const CONVERGED_M: f64 = 2e-6;
 /// Longest step of the iteration, a guard against steps out of the table.
 const LONGEST_M: f64 = 2e-3;
 
-/// Correlation time of the tilt: about a quarter of a period of the oscillation.
+/// Correlation time of the tilt: about a fifth of the period of the oscillation along a surface, 0.2 to 0.3 s.
 pub(in crate::space::estimators) const TILT_S: f64 = 0.05;
 
 /// Share of an acceleration in any direction that tilts the normal: on a curved or oblique surface, a base that moves along the
@@ -114,13 +114,14 @@ impl Place {
         let across = self.axes(0.0).across;
         let second = across.dot(&(unrest * across)) + SLIDING_SHARE.powi(2) * unrest.trace();
         let acceleration_m_s2 = second.max(0.0).sqrt();
-        (side.felt_mass_kg(self.at) * acceleration_m_s2 / self.directions.force_n).clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
+        (side.effective_mass_kg(self.at) * acceleration_m_s2 / self.directions.force_n)
+            .clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
     }
 
-    /// Tilt by an acceleration of the base that changes slowly: the inertia of the wire pulls it along the surface.
+    /// Tilt under a slowly varying acceleration of the base: the inertia of the wire pulls it along the surface.
     pub(in crate::space::estimators) fn tilt_rad(&self, side: &Side, acceleration_m_s2: &Vector3<f64>) -> f64 {
         let along_m_s2 = self.axes(0.0).across.dot(acceleration_m_s2);
-        (side.felt_mass_kg(self.at) * along_m_s2 / self.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+        (side.effective_mass_kg(self.at) * along_m_s2 / self.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
     }
 
     /// Derivatives of the tilted normal by the coordinates about the whisker.
