@@ -314,8 +314,12 @@ impl AveragingTracker {
     /// Logarithm of the likelihood of a candidate's innovation, bounded by the gate. Its covariance is multiplied by the running
     /// mean of the mixture's normalised innovations squared, if that is below 1.
     fn log_evidence(&self, innovation: &Innovation<1>) -> f64 {
-        let factor = self.doubtful.mean_nis().clamp(LEAST_FACTOR, 1.0);
-        robust::log_likelihood(&innovation.scaled(factor), self.config.gate_sds)
+        robust::log_likelihood(&innovation.scaled(self.noise_factor()), self.config.gate_sds)
+    }
+
+    /// Factor of the covariances of innovations in the evidence.
+    fn noise_factor(&self) -> f64 {
+        self.doubtful.mean_nis().clamp(LEAST_FACTOR, 1.0)
     }
 
     /// The evidence with its powers: within the group of a candidate, considered or not, and that of the group as a whole.
@@ -557,8 +561,9 @@ impl AveragingTracker {
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
+        let factor = self.noise_factor();
         let is_ahead = self.watched.as_mut().is_some_and(|watched| {
-            watched.step((sample, count), jumps, innovation, self.config.gate_sds, &self.config.watched);
+            watched.step((sample, count), jumps, innovation, (factor, self.config.gate_sds), &self.config.watched);
             watched.is_raised(&self.config.watched)
         });
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || is_ahead;

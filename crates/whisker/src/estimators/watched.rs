@@ -57,18 +57,20 @@ impl Watched {
         Self { method: method.clone(), tracker: method.begin(touch), evidence: Evidence::default(), held_s: 0.0 }
     }
 
-    /// Takes the mean of `count` samples, and the innovation of the mixture. `jumps` is passed to [`Tracker::expect_jumps`].
+    /// Takes the mean of `count` samples, and the innovation of the mixture. `jumps` is passed to [`Tracker::expect_jumps`]. In the
+    /// evidence the covariances of the innovations are multiplied by `factor`.
     pub(super) fn step(
         &mut self,
         (sample, count): (&Sample, f64),
         jumps: bool,
         of_mixture: Option<Innovation<1>>,
-        gate_sds: f64,
+        (factor, gate_sds): (f64, f64),
         settings: &WatchedSettings,
     ) {
         let own = self.tracker.step_mean(sample, count).and_then(|estimate| estimate.innovation);
         self.tracker.expect_jumps(jumps);
-        self.evidence.advance(own, of_mixture, gate_sds);
+        let scaled = |found: Option<Innovation<1>>| found.map(|found| found.scaled(factor));
+        self.evidence.advance(scaled(own), scaled(of_mixture), gate_sds);
         // Without a bound the signal would stay raised for long on the next object.
         self.evidence.sum = self.evidence.sum.min(MOST_EVIDENCE * settings.evidence);
         let is_ahead = self.evidence.sum > settings.evidence;
