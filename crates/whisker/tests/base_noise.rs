@@ -12,7 +12,7 @@ use serde_json::json;
 use whisker::estimators::{self, BaseNoise, Knowledge, Sample};
 use whisker::frames::{Base, Pose, World};
 
-use world::{RATE_HZ, base, configured, contact, knowledge, samples};
+use world::{RATE_HZ, base, configured, contact, estimator, knowledge, samples};
 
 const NOISE_N_M: f64 = 1e-7;
 
@@ -40,12 +40,14 @@ fn shaken(knowledge: &Knowledge, duration_s: f64, seed: u64) -> Vec<(Pose<Base, 
 /// the sensor model, which these readings do not have, would outweigh the noise.
 fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
     let row = estimators::estimator(name).unwrap();
-    let settings = if name == "recommended" { json!({"block": {"samples": 1}}) } else { (row.defaults)() };
     let (mut nis, mut nees) = (Vec::new(), Vec::new());
     for seed in 1..=6 {
         let samples = shaken(knowledge, 6.0, seed);
-        let estimates = configured(row, &settings, knowledge, seed)
-            .run(&samples.iter().map(|(_, sample)| *sample).collect::<Vec<_>>());
+        let mut built = match name {
+            "recommended" => configured(row, &json!({"block": {"samples": 1}}), knowledge, seed),
+            _ => estimator(row, knowledge, seed),
+        };
+        let estimates = built.run(&samples.iter().map(|(_, sample)| *sample).collect::<Vec<_>>());
         let settled = samples.iter().zip(estimates).skip((2.0 * RATE_HZ) as usize);
         for ((known, _), estimate) in settled {
             let estimate = estimate.expect("the contact is tracked");
