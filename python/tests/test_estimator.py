@@ -61,11 +61,13 @@ def test_val_the_recommended_estimator_finds_a_pin(trial):
     assert last.calibrated
     assert not last.at_tip
     assert np.hypot(*(replay.contact_world[-1] - np.array(true.tolist()))) < 0.2e-3
-    # The covariance allows for errors of the calibration.
-    assert np.sqrt(np.trace(last.covariance_m2)) < 0.5e-3
+    # The covariance allows for errors of the calibration, of the readings and of the poses.
+    assert np.sqrt(np.trace(last.covariance_m2)) < 0.6e-3
     assert sum(last.models.values()) == pytest.approx(1.0)
     assert np.hypot(*(last.surface - last.contact)) == pytest.approx(0.125e-3)
-    assert last.innovation_variance_n2_m2 > trial.noise_sd_n_m**2
+    # Within a block of samples there is no innovation. The noise of a mean is smaller than that of a sample.
+    variances_n2_m2 = [found.innovation_variance_n2_m2 for found in replay if found and found.innovation_variance_n2_m2]
+    assert 8 * variances_n2_m2[-1] > trial.noise_sd_n_m**2
 
 
 def test_verif_columns_and_rows_of_a_replay_agree(trial):
