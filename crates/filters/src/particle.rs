@@ -674,7 +674,7 @@ mod tests {
     const SEED: u64 = 5;
     const VARIANCE: f64 = 0.3;
 
-    /// What a step finds: states, logarithms and weights, sums of the innovation, effective sample size, and moments.
+    /// Results of a step: states, logarithms, weights, sums of the innovation, effective sample size and moments.
     #[derive(Debug, PartialEq)]
     struct Found {
         states: Vec<Vector3<f64>>,

@@ -1,10 +1,10 @@
 //! Contacts with friction: errors against those without friction, stated certainty, and the coefficient of friction.
 
-use testbed::metrics::{Metric, consistency, error, friction};
+use testbed::metrics::{consistency, error, friction};
 use testbed::results::TrialRow;
 use testbed::statistics::{mean, median};
 
-use super::{Claim, Context, RECOMMENDED, WHISKERS};
+use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
 
 /// Run of the suite of contacts with friction.
 pub(super) const RUN: &str = "friction";
@@ -19,7 +19,7 @@ pub(super) fn claims() -> Vec<Claim> {
     let mut claims: Vec<Claim> =
         WHISKERS.into_iter().flat_map(|whisker| OBJECTS.map(|object| (whisker, object))).flat_map(factors).collect();
     let ellipses = "stated 95 % ellipses that hold the truth, mean over trials";
-    let coverage = |context: &Context| Ok(percent(context, &consistency::COVERAGE));
+    let coverage = |context: &Context| Ok(percent(rubbing(context), &consistency::COVERAGE));
     claims.extend([
         Claim::at_least("friction_coverage_low".into(), about(ellipses), 88.0, "%", coverage),
         Claim::at_most("friction_coverage_high".into(), about(ellipses), 98.0, "%", coverage),
@@ -46,7 +46,7 @@ pub(super) fn claims() -> Vec<Claim> {
             about("95 % intervals of the coefficient of friction that hold the true one, of those stated"),
             90.0,
             "%",
-            |context| Ok(percent(context, &friction::COVERED)),
+            |context| Ok(percent(rubbing(context), &friction::COVERED)),
         ),
     ]);
     claims
@@ -87,9 +87,4 @@ fn rubbing(context: &Context) -> impl Iterator<Item = &TrialRow> {
     let groups: Vec<_> = OBJECTS.iter().flat_map(|object| COEFFICIENTS.map(|percent| group(object, percent))).collect();
     let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
     trials.filter(move |trial| groups.contains(&trial.head.group))
-}
-
-/// Mean (%) of a metric over the trials in which the whisker rubs along an object with friction.
-fn percent(context: &Context, metric: &Metric) -> Option<f64> {
-    mean(rubbing(context).filter_map(|trial| trial.get(metric))).map(|share| 100.0 * share)
 }

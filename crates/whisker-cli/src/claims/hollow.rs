@@ -1,10 +1,9 @@
 //! Objects that are not convex, and objects that move: outlines, second contacts, and doubt.
 
-use testbed::metrics::{Metric, consistency, contour, doubt, error, second};
+use testbed::metrics::{consistency, contour, doubt, error, second};
 use testbed::results::TrialRow;
-use testbed::statistics::mean;
 
-use super::{Claim, Context, RECOMMENDED, WHISKERS};
+use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
 
 /// Run of the suite of objects that are not convex or move.
 pub(super) const RUN: &str = "hollow";
@@ -94,9 +93,4 @@ fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: 
 fn of_hollow(context: &Context) -> impl Iterator<Item = &TrialRow> {
     let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
     trials.filter(|trial| trial.head.group.strip_prefix("hollow_").is_some_and(|object| HOLLOW.contains(&object)))
-}
-
-/// Mean (%) of a metric.
-fn percent<'a>(trials: impl Iterator<Item = &'a TrialRow>, metric: &Metric) -> Option<f64> {
-    mean(trials.filter_map(|trial| trial.get(metric))).map(|share| 100.0 * share)
 }

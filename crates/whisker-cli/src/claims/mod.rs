@@ -366,5 +366,10 @@ fn filters() -> impl Iterator<Item = &'static str> {
     ESTIMATORS.iter().filter(is_own).map(|row| row.name)
 }
 
+/// Mean (%) of a metric over trials.
+fn percent<'a>(trials: impl Iterator<Item = &'a TrialRow>, metric: &Metric) -> Option<f64> {
+    mean(trials.filter_map(|trial| trial.get(metric))).map(|share| 100.0 * share)
+}
+
 /// The whiskers of the standard suite.
 const WHISKERS: [&str; 2] = ["straight", "curved"];

@@ -34,7 +34,7 @@ const LONGEST_M: f64 = 2e-3;
 pub(in crate::space::estimators) const TILT_S: f64 = 0.05;
 
 /// Share of an acceleration in any direction that tilts the normal: on a curved or oblique surface, a base that moves along the
-/// normal makes the contact slide, and the wire with it. Chosen on random scenes in space that are not reported.
+/// normal makes the contact and the wire slide. Chosen on random scenes in space that are not reported.
 const SLIDING_SHARE: f64 = 0.3;
 
 /// Smallest and largest standard deviation of the tilt, and that at the touch.
