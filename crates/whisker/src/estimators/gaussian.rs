@@ -633,6 +633,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.step_mean(sample, 1.0)
     }
 
+    fn assumes_motion(&self) -> bool {
+        Model::OBJECT_MOVES
+    }
+
     fn look_ahead(&self, sample: &Sample) -> Ahead {
         self.stated.map_or_else(Ahead::default, |belief| self.look_ahead_from(&belief, sample))
     }

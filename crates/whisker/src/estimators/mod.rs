@@ -34,7 +34,6 @@ mod systematic;
 #[cfg(test)]
 pub(crate) mod testing;
 mod unscented;
-mod watched;
 
 pub use crate::settings::{Settings, SettingsError, parse, within};
 pub use base_noise::BaseNoise;
@@ -264,6 +263,11 @@ pub trait Tracker: Send {
     /// Whether the readings have contradicted the convex outline that the tracker fitted to the present object, as they do if the
     /// object is not convex, moves, or is touched through a sensor with a wrong calibration.
     fn refutes_convexity(&self) -> bool {
+        false
+    }
+
+    /// Whether the tracker assumes an object that moves.
+    fn assumes_motion(&self) -> bool {
         false
     }
 

@@ -34,7 +34,6 @@ use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::systematic::SystematicSettings;
-use super::watched::{Watched, WatchedSettings};
 use super::{
     Ahead, ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint,
     Radius, Sample, Touch, Tracker, estimator,
@@ -95,8 +94,6 @@ pub(super) struct Config {
     pub farthest_m: f64,
     /// Signal that the models are in doubt.
     pub doubt: DoubtSettings,
-    /// The same by a method whose object moves.
-    pub watched: WatchedSettings,
     /// Signal that a second contact has taken load.
     pub second: SecondSettings,
     /// Blocks of samples of which the candidates take the mean.
@@ -105,15 +102,20 @@ pub(super) struct Config {
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction;
-    /// `installed` also doubts the calibration, with an even chance nearly, and is considered. `drifting` is none of them: a
-    /// velocity explains errors of recorded sensors too, and wins there on objects at rest. Odds and powers were
-    /// chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
+    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction,
+    /// `drifting` also an object that moves, whose velocity can explain errors of any other model; `installed` also doubts the
+    /// calibration, with an even chance nearly, and is considered. Odds and powers were chosen on the training suite of random scenes and on the standard suite. Readings before a touch are averaged, so that
     /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
     /// inertia and leave out those at the tip: a candidate that used them would state a wrong contact there.
     fn default() -> Self {
-        let mut average =
-            Self::among([("ukf", 20.0), ("round", 10.0), ("sliding", 3.0), ("outline", 10.0), ("rubbing", 0.01)]);
+        let mut average = Self::among([
+            ("ukf", 20.0),
+            ("round", 10.0),
+            ("sliding", 3.0),
+            ("outline", 10.0),
+            ("rubbing", 0.01),
+            ("drifting", 1e-3),
+        ]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
         {
@@ -161,7 +163,6 @@ impl Config {
             ignored_share: 0.0,
             farthest_m: 2e-3,
             doubt: DoubtSettings::default(),
-            watched: WatchedSettings::default(),
             second: SecondSettings::NONE,
             block: BlockSettings::default(),
         }
@@ -178,7 +179,6 @@ impl Settings for Config {
         within("mean_power", self.mean_power, 1e-6..=1.0)?;
         within("mean_evidence", self.mean_evidence, 0.0..=1e3)?;
         self.doubt.validate()?;
-        self.watched.validate()?;
         self.second.validate()?;
         self.block.validate()?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
@@ -227,12 +227,7 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    let is_watched = !looks_back && config.watched.evidence > 0.0;
-    let watched = is_watched.then(|| -> Result<Arc<dyn Method>, SettingsError> {
-        let row = row_of(WATCHED, looks_back)?;
-        Ok((row.build)(&(row.defaults)(), knowledge)?.into())
-    });
-    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, watched: watched.transpose()? }))
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
 }
 
 /// Smallest factor of the innovation covariances in the evidence, so that after nearly exact readings one of ordinary size does not
@@ -243,8 +238,8 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Method that is watched: its object moves.
-const WATCHED: &str = "drifting";
+/// Probability of a moving object above which the models of objects at rest are in doubt.
+const MOVING_SHARE: f64 = 0.5;
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
@@ -252,7 +247,6 @@ type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
-    watched: Option<Arc<dyn Method>>,
 }
 
 impl Method for ModelAveraging {
@@ -266,7 +260,6 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
-            watched: self.watched.as_ref().map(|method| Watched::new(method, touch)),
             second: Second::default(),
             base: touch.before,
             last: None,
@@ -296,7 +289,6 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
-    watched: Option<Watched>,
     second: Second,
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
@@ -481,6 +473,12 @@ impl AveragingTracker {
 }
 
 impl AveragingTracker {
+    /// Whether the object moves more probably than it rests.
+    fn moves(&self) -> bool {
+        let known = self.trackers.iter().zip(self.right.probabilities());
+        known.filter(|(tracker, _)| tracker.assumes_motion()).map(|(_, share)| share).sum::<f64>() > MOVING_SHARE
+    }
+
     /// The candidates with their probabilities, the most probable first.
     fn ranked(&self) -> Vec<(f64, &dyn Tracker)> {
         let trackers = self.trackers.iter().map(|tracker| tracker.as_ref());
@@ -502,9 +500,6 @@ impl AveragingTracker {
             if !tracker.resume(touch) {
                 *tracker = method.begin(touch);
             }
-        }
-        if let Some(watched) = &mut self.watched {
-            watched.resume(touch);
         }
     }
 
@@ -561,12 +556,7 @@ impl AveragingTracker {
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
-        let factor = self.noise_factor();
-        let is_ahead = self.watched.as_mut().is_some_and(|watched| {
-            watched.step((sample, count), jumps, innovation, (factor, self.config.gate_sds), &self.config.watched);
-            watched.is_raised(&self.config.watched)
-        });
-        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || is_ahead;
+        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moves();
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let second_contact = self.second.is_raised();
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate));
@@ -671,7 +661,6 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
-            watched: None,
             second: Second::default(),
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,

@@ -72,6 +72,7 @@ pub(in crate::estimators) struct Drift<'a> {
 
 impl Motion<6> for Drifting {
     const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None, friction: None };
+    const OBJECT_MOVES: bool = true;
 
     type Step<'a> = Drift<'a>;
     type CartesianStep<'a> = Cartesian<'a, Drift<'a>>;

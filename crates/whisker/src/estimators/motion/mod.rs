@@ -27,6 +27,9 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// Indices in the state of the errors of the reading.
     const INDICES: StateIndices = StateIndices { model_error: None, gain: None, friction: None };
 
+    /// Whether the object moves.
+    const OBJECT_MOVES: bool = false;
+
     /// Process of one step.
     type Step<'a>: Process<N>;
 
