@@ -1,5 +1,7 @@
 """Objects that are not convex: contacts that jump, and contacts in two places, against the elastica under two loads."""
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -63,6 +65,19 @@ def test_verif_the_contact_moves_from_the_outer_end_to_the_inner_one_by_way_of_b
     for row, arriving in zip(phases, (True, False, True, False), strict=True):
         pair = sorted((simulated.force_n[row + arriving], simulated.second.force_n[row + arriving]))
         assert pair[0] < 0.2 * pair[1]
+
+
+@pytest.mark.parametrize(("name", "yaw_rad"), [("straight", -1.22), ("curved", -0.66)])
+def test_verif_a_star_has_the_moment_of_its_convex_hull(make_run, name, yaw_rad):
+    """On the star it bears on two points at once, on the polygon its contact slides along a side: the moment does not differ."""
+    star = {"shape": "star", "points": 7, "outer_m": 0.018, "inner_m": 0.01, "yaw_rad": yaw_rad}
+    hull = {"shape": "regular_polygon", "sides": 7, "side_m": 2 * 0.018 * math.sin(math.pi / 7), "yaw_rad": yaw_rad}
+    motion = {**BRIDGING, "contact_arc_m": 0.055, "stations": [{"depth_m": depth_m} for depth_m in (0.002, 0.012, 0.002)]}
+    on_star, on_hull = (simulate(make_run(whisker=name, object=shape, motion=motion)) for shape in (star, hull))
+    assert np.any(on_star.second.exists)
+    # The moment at the root is proportional to its rotation.
+    by_root = [simulated.rotations_rad[:, 0] for simulated in (on_star, on_hull)]
+    assert np.max(np.abs(by_root[0] - by_root[1])) < 5e-3 * np.max(np.abs(by_root))
 
 
 @pytest.mark.parametrize("name", PRESETS)

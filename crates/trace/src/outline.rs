@@ -10,6 +10,9 @@ use whisker::frames::{Point, World};
 
 use crate::table::FARTHEST_M;
 
+/// Sine of the angle below which an outline turns only by the rounding of its vertices.
+const LEAST_TURN: f64 = 1e-4;
+
 const COLUMNS: [&str; 2] = ["x_m", "y_m"];
 
 /// Outline of an object in World: a closed, counter-clockwise polyline whose first vertex is repeated at the end.
@@ -82,6 +85,22 @@ impl Outline {
         Point::from_vector(vertices.iter().map(|vertex| vertex.vector()).sum::<Vector2<f64>>() / vertices.len() as f64)
     }
 
+    /// Whether the outline is convex: it nowhere turns to the other side by more than rounding explains.
+    pub fn is_convex(&self) -> bool {
+        let sides: Vec<Vector2<f64>> = self
+            .vertices
+            .windows(2)
+            .map(|edge| edge[1].vector() - edge[0].vector())
+            .filter(|side| *side != Vector2::zeros())
+            .collect();
+        let turns = (0..sides.len()).map(|i| {
+            let (side, next) = (sides[i], sides[(i + 1) % sides.len()]);
+            side.perp(&next) / (side.norm() * next.norm())
+        });
+        let (low, high) = turns.fold((0.0_f64, 0.0_f64), |(low, high), turn| (low.min(turn), high.max(turn)));
+        low.abs().min(high) < LEAST_TURN
+    }
+
     /// Unsigned distance from a point to the outline.
     pub fn distance_m(&self, point: Point<World>) -> f64 {
         self.vertices
@@ -102,6 +121,17 @@ fn squared_distance_to_segment(p: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn verif_a_notch_is_not_convex() {
+        let closed =
+            |corners: &[(f64, f64)]| Outline::new(corners.iter().map(|&(x, y)| Point::new(x, y)).collect()).unwrap();
+        let square = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
+        let notched = [(0.0, 0.0), (0.5, 0.2), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
+        assert!(closed(&square).is_convex() && !closed(&notched).is_convex());
+        let reversed: Vec<_> = square.into_iter().rev().collect();
+        assert!(closed(&reversed).is_convex());
+    }
 
     #[test]
     fn verif_distance_to_a_square() {

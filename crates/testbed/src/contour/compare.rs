@@ -1,5 +1,7 @@
 //! Comparison of a contour with the true outline, without alignment.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector2;
 use trace::Outline;
 use whisker::frames::{Point, World};
@@ -20,6 +22,8 @@ pub struct Comparison {
     /// Hausdorff distance: maximum over the contour's points of the distance from the true outline, and over the
     /// touched part of the true outline of the distance from the contour. `None` if the touched part is unknown.
     pub hausdorff_m: Option<f64>,
+    /// Mean distance of the places that were touched from the contour. `None` if they are unknown.
+    pub touched_mean_m: Option<f64>,
     /// Fraction of the contour's points whose 95 % region, the ellipse of 1.96 standard deviations, intersects the true
     /// outline. `None` if the contour states no covariance.
     pub band_coverage: Option<f64>,
@@ -33,26 +37,37 @@ impl Comparison {
         let covered: Option<Vec<f64>> = points.iter().map(|point| Some(f64::from(point.holds(outline)?))).collect();
         let worst_m = |distances_m: &[f64]| distances_m.iter().copied().reduce(f64::max);
         let line: Vec<_> = contour.vertices.iter().map(|vertex| vertex.at.vector()).collect();
-        let missed_m: Vec<f64> = touched.0.iter().map(|at| distance(&line, *at)).collect();
+        let missed_m: Vec<f64> = touched.stretch.iter().map(|at| distance(&line, *at)).collect();
         Self {
             mean_m: mean(distances_m.iter().copied()).unwrap_or_default(),
             p95_m: quantile(&distances_m, 0.95).unwrap_or_default(),
             hausdorff_m: worst_m(&missed_m).zip(worst_m(&distances_m)).map(|(missed_m, off_m)| missed_m.max(off_m)),
+            touched_mean_m: mean(touched.places.iter().map(|at| distance(&line, *at))),
             band_coverage: covered.and_then(mean),
         }
     }
 }
 
-/// Touched part of a true outline, as points; empty if unknown.
+/// Touched part of a true outline; empty if unknown.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Touched(Vec<Vector2<f64>>);
+pub struct Touched {
+    /// The outline from the first to the last touched place, as points.
+    stretch: Vec<Vector2<f64>>,
+    /// Places that were touched, at most one for each interval of [`STEP_M`] in each coordinate.
+    places: Vec<Vector2<f64>>,
+}
 
 impl Touched {
     /// Part of an outline between the touched positions.
     pub fn new(outline: &Outline, touched: impl IntoIterator<Item = Point<World>>) -> Self {
         let plain = |point: Point<World>| (point.x(), point.y());
         let line: Vec<(f64, f64)> = outline.vertices().iter().copied().map(plain).collect();
-        Self(along(&touched_stretch(&line, touched.into_iter().map(plain))).collect())
+        let touched: Vec<Point<World>> = touched.into_iter().collect();
+        let stretch = along(&touched_stretch(&line, touched.iter().copied().map(plain))).collect();
+        let interval = |place_m: f64| (place_m / STEP_M).floor() as i64;
+        let by_interval: BTreeMap<_, _> =
+            touched.iter().map(|at| ((interval(at.x()), interval(at.y())), at.vector())).collect();
+        Self { stretch, places: by_interval.into_values().collect() }
     }
 }
 
@@ -137,6 +152,8 @@ mod tests {
         let found = Comparison::new(&beside, &square(), &touched);
         assert!((found.mean_m - 5e-4).abs() < 1e-12 && (found.p95_m - 5e-4).abs() < 1e-12);
         assert!((found.hausdorff_m.expect("touched") - 1e-3f64.hypot(5e-4)).abs() < 1e-12);
+        // The second of the two places lies beside the end of the line.
+        assert!((found.touched_mean_m.expect("touched") - 0.5 * (5e-4 + 1e-3f64.hypot(5e-4))).abs() < 1e-12);
         assert_eq!(found.band_coverage, Some(1.0));
         let narrow = contour(&[(0.002, -5e-4), (0.007, -5e-4)], Some(2e-4));
         assert_eq!(Comparison::new(&narrow, &square(), &touched).band_coverage, Some(0.0));

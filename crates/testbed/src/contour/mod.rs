@@ -9,12 +9,14 @@ mod compare;
 mod merge;
 mod stretch;
 mod strokes;
+mod swept;
 mod vertex;
 
 pub use circle::{Circle, true_circle};
 pub use compare::{Comparison, Touched};
 pub use stretch::touched_stretch;
 pub use strokes::second_stroke;
+pub use swept::Swept;
 pub(crate) use vertex::direction;
 pub use vertex::{Contour, Vertex};
 

@@ -76,6 +76,22 @@ pub const HAUSDORFF: Metric = Metric {
     measure: |scored| scored.contour?.hausdorff_m,
 };
 
+/// Mean distance of the touched places from the outline.
+pub const TOUCHED_MEAN: Metric = Metric {
+    name: "contour_touched_mean_m",
+    about: "mean distance of the places that were touched from the estimated outline",
+    summary: Summary::Median,
+    measure: |scored| scored.contour?.touched_mean_m,
+};
+
+/// Depth of the outline in free space.
+pub const IN_FREE_SPACE: Metric = Metric {
+    name: "contour_in_free_space_m",
+    about: "largest depth of the estimated outline in the space that the whisker has swept; for objects that are not convex",
+    summary: Summary::Median,
+    measure: |scored| scored.in_free_space_m,
+};
+
 /// Mean distance of the outline from the second stroke on.
 pub const LATER_MEAN: Metric = Metric {
     name: "later_contour_mean_m",

@@ -8,7 +8,7 @@ use whisker::frames::{Base, Point};
 
 use crate::bound::TraceBound;
 use crate::contact_events::Events;
-use crate::contour::{Comparison, Contour, SurfacePoint, Touched, second_stroke, surface_points};
+use crate::contour::{Comparison, Contour, SurfacePoint, Swept, Touched, second_stroke, surface_points};
 use crate::replay::Replay;
 
 /// End of the start-up phase after the touch.
@@ -64,6 +64,8 @@ pub struct GroundTruth {
     pub touched: Touched,
     /// Part of the outline that is touched from the second stroke on.
     pub touched_later: Touched,
+    /// Space that the whisker has swept. `None` if the object is convex or unknown.
+    pub swept: Option<Swept>,
 }
 
 impl GroundTruth {
@@ -72,9 +74,14 @@ impl GroundTruth {
         let truths = &trace.truth.instants;
         let touch = truths.iter().position(|truth| truth.contact.is_some() && truth.split != Some(true));
         let second_stroke = touch.and_then(|row| second_stroke(&trace.recording, rest, row));
-        let surfaces = |since: usize| truths[since..].iter().filter_map(|truth| truth.surface);
+        let surfaces = |since: usize| {
+            let of_second = |truth: &TruthInstant| truth.second.map(|second| second.surface);
+            truths[since..].iter().flat_map(move |truth| truth.surface.into_iter().chain(of_second(truth)))
+        };
         let touched = |since| outline.map_or_else(Touched::default, |outline| Touched::new(outline, surfaces(since)));
-        Self { second_stroke, touched: touched(0), touched_later: second_stroke.map_or_else(Touched::default, touched) }
+        let swept = outline.filter(|outline| !outline.is_convex()).and_then(|_| Swept::new(trace));
+        let touched_later = second_stroke.map_or_else(Touched::default, touched);
+        Self { second_stroke, touched: touched(0), touched_later, swept }
     }
 }
 
@@ -136,6 +143,8 @@ pub struct Scored<'a> {
     pub contour: Option<Comparison>,
     /// Comparison for the part touched from the second stroke on.
     pub later_contour: Option<Comparison>,
+    /// Largest depth of the estimated outline in the space that the whisker has swept. `None` if either is missing.
+    pub in_free_space_m: Option<f64>,
 }
 
 impl<'a> Scored<'a> {
@@ -172,7 +181,7 @@ impl<'a> Scored<'a> {
                 nis: estimate.and_then(|estimate| Some(estimate.innovation?.nis)),
             });
         }
-        let GroundTruth { second_stroke, touched, touched_later } = trial.ground_truth;
+        let GroundTruth { second_stroke, touched, touched_later, swept } = trial.ground_truth;
         let compared = |contour: &Contour, touched| Some(Comparison::new(contour, trial.outline?, touched));
         let mut scored = Self {
             trial,
@@ -182,9 +191,11 @@ impl<'a> Scored<'a> {
             second_stroke: *second_stroke,
             contour: None,
             later_contour: None,
+            in_free_space_m: None,
         };
         if !scored.is_silent() {
             scored.contour = contour.and_then(|contour| compared(contour, touched));
+            scored.in_free_space_m = contour.zip(swept.as_ref()).map(|(contour, swept)| swept.depth_m(contour));
             scored.later_contour =
                 second_stroke.and_then(|row| compared(&trial.contour(replay, points, row)?, touched_later));
         }

@@ -1,7 +1,11 @@
 //! The signal that a second contact has taken load ([`whisker::estimators::Estimate::second_contact`]), for traces whose truth has
 //! second contacts.
 
+use statrs::distribution::{ContinuousCDF, Normal};
+use trace::Instant;
+
 use super::{Metric, Scored, Summary};
+use crate::statistics::mean;
 
 /// Time after the beginning of a second contact within which its signal is expected, and after its end until which a signal still
 /// belongs to it.
@@ -21,6 +25,19 @@ pub const RECALL: Metric = Metric {
             |&(start_s, _): &(f64, f64)| found.iter().any(|at_s| (start_s..=start_s + WINDOW_S).contains(at_s));
         share(actual.iter().map(is_found))
     },
+};
+
+/// Probability that a test takes a single contact for a second one within [`WINDOW_S`]: at three per thousand, one in ten
+/// trials of seven seconds has a false signal.
+const FALSE_SIGNAL: f64 = 3e-3;
+
+/// Largest recall.
+pub const IDEAL_RECALL: Metric = Metric {
+    name: "second_ideal_recall",
+    about: "bound of second_recall: mean probability that a test which knows the readings with and without the second contact \
+            detects it, at a false alarm probability of 0.3 % per 0.2 s",
+    summary: Summary::Mean,
+    measure: |scored| mean(contacts_s(scored).iter().filter_map(|&(start_s, _)| ideal_recall(scored, start_s))),
 };
 
 /// Precision of second contacts.
@@ -61,6 +78,25 @@ fn contacts_s(scored: &Scored<'_>) -> Vec<(f64, f64)> {
         }
     }
     contacts
+}
+
+/// Probability that the most powerful test of two known signals in white noise (Neyman and Pearson; Kay, "Fundamentals of
+/// Statistical Signal Processing", volume 2, 1998, section 4.3) detects a second contact within [`WINDOW_S`] of its beginning:
+/// `Phi(d - q)`, with the root `d` of the sum of the squared differences between the readings and those of the first contact alone,
+/// in standard deviations of the noise, and the quantile `q` of the normal distribution of a false alarm.
+fn ideal_recall(scored: &Scored<'_>, start_s: f64) -> Option<f64> {
+    let trial = scored.trial;
+    let (instants, truths) = (&trial.trace.recording.instants, &trial.trace.truth.instants);
+    let begin = instants.iter().position(|known| known.t_s >= start_s)?;
+    let first = truths[..begin].last()?.contact?;
+    let face = trial.knowledge.face(trial.trace.sidecar.face)?;
+    let window = instants[begin..].iter().take_while(|known| known.t_s <= start_s + WINDOW_S);
+    let alone_n_m = |known: &Instant| Some(face.predict(known.base.inverse().apply(first))?.reading_n_m);
+    let differences =
+        window.filter_map(|known| Some((known.moment_z_n_m - alone_n_m(known)?) / trial.knowledge.noise_sd_n_m));
+    let distance = differences.map(|difference| difference * difference).sum::<f64>().sqrt();
+    let normal = Normal::standard();
+    distance.is_finite().then(|| normal.cdf(distance - normal.inverse_cdf(1.0 - FALSE_SIGNAL)))
 }
 
 /// Times at which the signal is raised.

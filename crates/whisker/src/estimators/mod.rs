@@ -625,7 +625,7 @@ pub struct EstimatorRow {
 pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError>;
 
 /// The registry of estimators.
-pub const ESTIMATORS: &[EstimatorRow] = &[
+pub static ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \

@@ -636,7 +636,8 @@ impl Tracker for AveragingTracker {
     }
 
     fn outline_leads(&self) -> bool {
-        self.ranked().first().is_some_and(|(_, tracker)| tracker.outline().is_some() && tracker.outline_leads())
+        let leads = |tracker: &dyn Tracker| tracker.outline().is_some() && tracker.outline_leads();
+        self.ranked().first().is_some_and(|(_, tracker)| leads(*tracker) && !tracker.refutes_convexity())
     }
 }
 

@@ -96,7 +96,7 @@ pub struct DetectorRow {
 }
 
 /// The registry of detectors; the first is the default.
-pub const DETECTORS: &[DetectorRow] = &[
+pub static DETECTORS: &[DetectorRow] = &[
     DetectorRow {
         name: "ring-compensated",
         about: "thresholds on the reading without the whisker's own oscillation",

@@ -173,7 +173,7 @@ pub struct FittedModel {
 pub type Loaded = Result<Box<dyn SensorModel>, ModelError>;
 
 /// The registry of sensor models.
-pub const MODELS: &[ModelRow] = &[
+pub static MODELS: &[ModelRow] = &[
     ModelRow {
         kind: polynomial::KIND,
         about: "bivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2022, degree 5)",

@@ -222,7 +222,7 @@ pub struct SpatialEstimatorRow {
 }
 
 /// The registry of estimators in space.
-pub const SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
+pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
         about: "average over the fits of rods, spheres and surfaces of two curvatures, weighted by their evidence",

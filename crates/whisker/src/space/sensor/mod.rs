@@ -147,7 +147,7 @@ pub struct SpatialModelRow {
 }
 
 /// The registry of sensor models in space.
-pub const SPATIAL_MODELS: &[SpatialModelRow] = &[
+pub static SPATIAL_MODELS: &[SpatialModelRow] = &[
     SpatialModelRow {
         kind: polynomial::KIND,
         about: "trivariate polynomial of any total degree in the contact's coordinates (Lin et al. 2024, degree 5)",
