@@ -14,7 +14,8 @@
 //!
 //! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
 //! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
-//! unit of `ln s`.
+//! unit of `ln s`. If the object moves uniformly with an unknown velocity, a contact has moved by `v t` at the time `t` after the
+//! touch.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -22,10 +23,14 @@ use trace::Miscalibration;
 use whisker::frames::{Base, Point};
 use whisker::sensor::Prediction;
 
-/// Number of deviations, and of states with contact and size before them.
+/// Number of deviations, and of states with contact and size before them and the velocity after them.
 const COUNT: usize = 8;
 const SIZE: usize = 2;
-const STATES: usize = COUNT + 3;
+const VELOCITY: usize = SIZE + 1 + COUNT;
+const STATES: usize = VELOCITY + 2;
+
+/// Prior standard deviation of the velocity of an object that moves, in each direction: that of `drifting`.
+const VELOCITY_SD_M_S: f64 = 1e-3;
 
 /// Smallest and largest absolute value of each deviation in the random suites, between which it is log-uniform.
 const VALUES: [(&str, f64, f64); COUNT] = [
@@ -106,7 +111,7 @@ impl Deviations<'_> {
     }
 }
 
-/// Covariance of the contact at the touch, the size and the deviations.
+/// Covariance of the contact at the touch, the size, the deviations and the velocity.
 #[derive(Clone, Debug)]
 pub(super) struct Joint {
     covariance: SMatrix<f64, STATES, STATES>,
@@ -116,8 +121,9 @@ pub(super) struct Joint {
 pub(super) struct JointReading {
     /// Derivative by the contact in World.
     pub(super) by_contact: Vector2<f64>,
-    /// Displacement of the contact in World since the touch.
+    /// Displacement of the contact in World since the touch, and the time.
     pub(super) moved_m: Vector2<f64>,
+    pub(super) since_touch_s: f64,
     /// Derivatives by the deviations.
     pub(super) by_deviations: [f64; COUNT],
     /// Variance of its noise.
@@ -135,6 +141,14 @@ impl Joint {
         Self { covariance }
     }
 
+    /// The same for an object that moves.
+    pub(super) fn moving(mut self) -> Self {
+        for i in [VELOCITY, VELOCITY + 1] {
+            self.covariance[(i, i)] = VELOCITY_SD_M_S.powi(2);
+        }
+        self
+    }
+
     /// Begins a touch, whose contact has this prior; size and deviations are those of the touches before.
     pub(super) fn touch(&mut self, prior_m2: &Matrix2<f64>) {
         self.covariance.fixed_rows_mut::<2>(0).fill(0.0);
@@ -147,17 +161,24 @@ impl Joint {
         let mut slope = SVector::<f64, STATES>::zeros();
         slope.fixed_rows_mut::<2>(0).copy_from(&reading.by_contact);
         slope[SIZE] = reading.by_contact.dot(&reading.moved_m);
+        slope.fixed_rows_mut::<2>(VELOCITY).copy_from(&(reading.by_contact * reading.since_touch_s));
         slope.fixed_rows_mut::<COUNT>(SIZE + 1).copy_from(&SVector::from(reading.by_deviations));
         let cross = product(&self.covariance, &slope);
         let variance = slope.dot(&cross) + reading.variance_n2_m2;
         self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
-    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` since the touch.
-    pub(super) fn sd_m(&self, moved_m: Vector2<f64>) -> f64 {
-        let by_size = self.covariance.fixed_view::<2, 1>(0, SIZE).dot(&moved_m);
-        let of_size = self.covariance[(SIZE, SIZE)] * moved_m.norm_squared();
-        (self.covariance[(0, 0)] + self.covariance[(1, 1)] + 2.0 * by_size + of_size).max(0.0).sqrt()
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` in the time since the touch.
+    pub(super) fn sd_m(&self, moved_m: Vector2<f64>, since_touch_s: f64) -> f64 {
+        let slope = |axis: usize| {
+            let mut slope = SVector::<f64, STATES>::zeros();
+            slope[axis] = 1.0;
+            slope[SIZE] = moved_m[axis];
+            slope[VELOCITY + axis] = since_touch_s;
+            slope
+        };
+        let variance_m2 = |axis: usize| slope(axis).dot(&product(&self.covariance, &slope(axis)));
+        (variance_m2(0) + variance_m2(1)).max(0.0).sqrt()
     }
 }
 
@@ -196,13 +217,19 @@ mod tests {
             let by_contact = Vector2::new(1e-4 * f64::from(i).sin(), -3e-3);
             bound.update(by_contact * by_contact.transpose() / 1e-14);
             let moved_m = Vector2::new(1e-3, 2e-3);
-            joint.update(&JointReading { by_contact, moved_m, by_deviations: [1.0; COUNT], variance_n2_m2: 1e-14 });
+            joint.update(&JointReading {
+                by_contact,
+                moved_m,
+                since_touch_s: 0.0,
+                by_deviations: [1.0; COUNT],
+                variance_n2_m2: 1e-14,
+            });
         }
         let expected_m = bound.covariance().unwrap().trace().sqrt();
         assert!(
-            (joint.sd_m(Vector2::zeros()) / expected_m - 1.0).abs() < 1e-4,
+            (joint.sd_m(Vector2::zeros(), 0.0) / expected_m - 1.0).abs() < 1e-4,
             "{} {expected_m}",
-            joint.sd_m(Vector2::zeros())
+            joint.sd_m(Vector2::zeros(), 0.0)
         );
     }
 
@@ -219,12 +246,47 @@ mod tests {
                 let moved_m = Vector2::new(0.0, 1e-4 * f64::from(i));
                 let by_deviations = std::array::from_fn(|i| if i == 0 { 2e-5 } else { 0.0 });
                 let by_contact = Vector2::new(-3e-4, 3e-3);
-                joint.update(&JointReading { by_contact, moved_m, by_deviations, variance_n2_m2: 1e-13 });
+                joint.update(&JointReading {
+                    by_contact,
+                    moved_m,
+                    since_touch_s: 0.0,
+                    by_deviations,
+                    variance_n2_m2: 1e-13,
+                });
             }
-            joint.sd_m(Vector2::new(0.0, 1e-2))
+            joint.sd_m(Vector2::new(0.0, 1e-2), 0.0)
         };
         let known_m = sd_m(0.0, 0.0);
         assert!(sd_m(0.02, 0.0) > known_m && sd_m(0.0, size_variance("circle")) > known_m);
         assert_eq!(size_variance("unknown"), 0.0);
+    }
+
+    /// A contact read in both directions at rest and in uniform motion, as in the straight line through readings at equal intervals: the
+    /// variance of its end is four times that of the mean.
+    #[test]
+    fn verif_an_unknown_velocity_is_the_slope_of_a_line() {
+        let exact = Miscalibration::default();
+        let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: 5e-5 };
+        let end_m = |joint: Joint| {
+            let mut joint = joint;
+            joint.touch(&(Matrix2::identity() * 1e-4));
+            for i in 0..1000 {
+                let since_touch_s = f64::from(i) / 100.0;
+                for by_contact in [Vector2::x(), Vector2::y()] {
+                    let moved_m = Vector2::zeros();
+                    let by_deviations = [0.0; COUNT];
+                    joint.update(&JointReading {
+                        by_contact,
+                        moved_m,
+                        since_touch_s,
+                        by_deviations,
+                        variance_n2_m2: 1e-8,
+                    });
+                }
+            }
+            joint.sd_m(Vector2::zeros(), 9.99)
+        };
+        let (rests_m, moves_m) = (end_m(Joint::new(&deviations, 0.0)), end_m(Joint::new(&deviations, 0.0).moving()));
+        assert!((moves_m / rests_m - 2.0).abs() < 0.01, "{moves_m} {rests_m}");
     }
 }

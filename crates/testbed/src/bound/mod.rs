@@ -60,6 +60,8 @@ pub struct BoundAt {
     pub deviating_sd_m: f64,
     /// The same if the size of the object is unknown as well.
     pub unsized_sd_m: f64,
+    /// The bound of [`Self::deviating_sd_m`] for an object that moves uniformly with an unknown velocity; the same if it is at rest.
+    pub moving_sd_m: f64,
     /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
 }
@@ -118,7 +120,9 @@ impl TraceBound {
         let instants = &trace.recording.instants;
         let start_s = instants.first().map_or(0.0, |first| first.t_s);
         let of_size = size_variance(&trace.sidecar.object);
-        let mut joints = [0.0, of_size].map(|of_size| Joint::new(deviations, of_size));
+        let moving = Joint::new(deviations, 0.0);
+        let moving = if trace.sidecar.is_object_at_rest() { moving } else { moving.moving() };
+        let mut joints = [Joint::new(deviations, 0.0), Joint::new(deviations, of_size), moving];
         let mut touched = Vector2::zeros();
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
@@ -138,13 +142,15 @@ impl TraceBound {
                 let reading = JointReading {
                     by_contact: known.base.rotation() * expected.gradient_n,
                     moved_m,
+                    since_touch_s: bound.since_touch_s,
                     by_deviations: deviations.slopes(row, known.t_s - start_s, seen, velocity_m_s, &expected),
                     variance_n2_m2: Reading { face, base: &known.base, noise_sd_n_m, base_noise }.noise(&at.vector())
                         [0],
                 };
                 joints.iter_mut().for_each(|joint| joint.update(&reading));
             }
-            [bound.deviating_sd_m, bound.unsized_sd_m] = joints.each_ref().map(|joint| joint.sd_m(moved_m));
+            [bound.deviating_sd_m, bound.unsized_sd_m, bound.moving_sd_m] =
+                joints.each_ref().map(|joint| joint.sd_m(moved_m, bound.since_touch_s));
         }
         self
     }
@@ -179,7 +185,14 @@ impl InContact {
         let window: Matrix2<f64> = self.window.iter().map(|(_, information)| information).sum();
         let sd_m = self.bound.covariance()?.trace().sqrt();
         let window = Window::of(&window);
-        Some(BoundAt { since_touch_s: t_s - self.touch_s, sd_m, deviating_sd_m: sd_m, unsized_sd_m: sd_m, window })
+        Some(BoundAt {
+            since_touch_s: t_s - self.touch_s,
+            sd_m,
+            deviating_sd_m: sd_m,
+            unsized_sd_m: sd_m,
+            moving_sd_m: sd_m,
+            window,
+        })
     }
 }
 

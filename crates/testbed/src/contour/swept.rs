@@ -88,3 +88,28 @@ fn height_m(wire: &[Place], at: Vector2<f64>) -> Option<f64> {
     let is_beside = nearest == 0 || nearest + 1 == wire.len();
     (!is_beside).then(|| (at - wire[nearest].at).dot(&wire[nearest].outward))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contour::Vertex;
+
+    /// A wire along the x axis of 10 mm, at a height, over an object below it.
+    fn level(height_m: f64) -> Vec<Place> {
+        let place = |i: u32| Place { at: Vector2::new(1e-3 * f64::from(i), height_m), outward: Vector2::y() };
+        (0..=10).map(place).collect()
+    }
+
+    #[test]
+    fn verif_a_point_is_in_free_space_by_as_much_as_the_wire_has_passed_it() {
+        let swept = Swept { wires: vec![level(2e-3), level(1e-3), level(0.0)] };
+        let depth_m = |x_m: f64, y_m: f64| {
+            let at = Point::new(x_m, y_m);
+            let vertex = Vertex { at, normal_rad: 0.0, covariance_m2: None, touched: true };
+            swept.depth_m(&Contour { vertices: vec![vertex] })
+        };
+        assert!((depth_m(5e-3, 5e-4) - 5e-4).abs() < 1e-12);
+        // Below all wires, above all of them, and beside their ends.
+        assert_eq!([depth_m(5e-3, -1e-4), depth_m(5e-3, 3e-3), depth_m(-5e-3, 5e-4)], [0.0; 3]);
+    }
+}

@@ -32,6 +32,14 @@ pub const UNSIZED_RMSE: Metric = Metric {
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.unsized_sd_m).collect::<Vec<f64>>()),
 };
 
+/// Bound for an unknown velocity.
+pub const MOVING_RMSE: Metric = Metric {
+    name: "moving_bound_rmse_m",
+    about: "deviating_bound_rmse_m for an object that moves uniformly with an unknown velocity",
+    summary: Summary::Median,
+    measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.moving_sd_m).collect::<Vec<f64>>()),
+};
+
 /// Error relative to the bound.
 pub const RATIO: Metric = Metric {
     name: "rmse_over_bound",

@@ -105,6 +105,7 @@ pub const METRICS: &[Metric] = &[
     bound::RMSE,
     bound::DEVIATING_RMSE,
     bound::UNSIZED_RMSE,
+    bound::MOVING_RMSE,
     bound::RATIO,
     consistency::NEES,
     consistency::NEES_SAMPLES,

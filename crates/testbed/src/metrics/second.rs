@@ -95,8 +95,13 @@ fn ideal_recall(scored: &Scored<'_>, start_s: f64) -> Option<f64> {
     let differences =
         window.filter_map(|known| Some((known.moment_z_n_m - alone_n_m(known)?) / trial.knowledge.noise_sd_n_m));
     let distance = differences.map(|difference| difference * difference).sum::<f64>().sqrt();
+    distance.is_finite().then(|| detection(distance))
+}
+
+/// Probability of detection of a difference at this distance in standard deviations.
+fn detection(distance: f64) -> f64 {
     let normal = Normal::standard();
-    distance.is_finite().then(|| normal.cdf(distance - normal.inverse_cdf(1.0 - FALSE_SIGNAL)))
+    normal.cdf(distance - normal.inverse_cdf(1.0 - FALSE_SIGNAL))
 }
 
 /// Times at which the signal is raised.
@@ -121,4 +126,16 @@ fn share(values: impl Iterator<Item = bool>) -> Option<f64> {
         right += usize::from(value);
     });
     (count > 0).then(|| right as f64 / f64::from(count))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_equal_readings_are_detected_as_often_as_a_false_signal() {
+        assert!((detection(0.0) - FALSE_SIGNAL).abs() < 1e-9);
+        // The quantile of 0.997.
+        assert!((detection(2.747_781) - 0.5).abs() < 1e-6 && detection(6.0) > 0.999);
+    }
 }

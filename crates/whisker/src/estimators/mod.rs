@@ -629,7 +629,7 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
-            convex outline), `rubbing` (friction) and `installed` (inexact calibration)",
+            convex outline), `rubbing` (friction), `drifting` (moving object) and `installed` (inexact calibration)",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,

@@ -701,6 +701,30 @@ mod tests {
         }
     }
 
+    /// A candidate whose object moves.
+    struct Mover;
+
+    impl Tracker for Mover {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn assumes_motion(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn verif_an_object_moves_if_it_is_more_probable_than_one_at_rest() {
+        let knowledge = knowledge();
+        let moves = |shares| {
+            let mut tracker = tracker(shares, &knowledge.faces[0]);
+            tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover)];
+            tracker.moves()
+        };
+        assert!(moves([0.4, 0.6]) && !moves([0.6, 0.4]));
+    }
+
     #[test]
     fn verif_the_outline_is_that_of_the_most_probable_candidate_that_carries_one() {
         let knowledge = knowledge();
