@@ -114,7 +114,7 @@ impl Default for Config {
             ("sliding", 3.0),
             ("outline", 10.0),
             ("rubbing", 0.01),
-            ("drifting", 1e-3),
+            ("drifting", 0.1),
         ]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
@@ -238,8 +238,8 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Probability of a moving object above which the models of objects at rest are in doubt.
-const MOVING_SHARE: f64 = 0.5;
+/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
+const MOVING_SHARE: f64 = 0.99;
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
@@ -473,10 +473,15 @@ impl AveragingTracker {
 }
 
 impl AveragingTracker {
-    /// Whether the object moves more probably than it rests.
+    /// Whether the object moves with near certainty.
     fn moves(&self) -> bool {
-        let known = self.trackers.iter().zip(self.right.probabilities());
-        known.filter(|(tracker, _)| tracker.assumes_motion()).map(|(_, share)| share).sum::<f64>() > MOVING_SHARE
+        let candidates = self.trackers.iter().zip(self.right.probabilities()).zip(&self.considered);
+        let (mut moving, mut total) = (0.0, 0.0);
+        for ((tracker, share), _) in candidates.filter(|(_, considered)| !**considered) {
+            moving += if tracker.assumes_motion() { *share } else { 0.0 };
+            total += share;
+        }
+        moving > MOVING_SHARE * total
     }
 
     /// The candidates with their probabilities, the most probable first.
@@ -715,14 +720,17 @@ mod tests {
     }
 
     #[test]
-    fn verif_an_object_moves_if_it_is_more_probable_than_one_at_rest() {
+    fn verif_an_object_moves_if_one_at_rest_is_improbable() {
         let knowledge = knowledge();
-        let moves = |shares| {
-            let mut tracker = tracker(shares, &knowledge.faces[0]);
-            tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover)];
+        let moves = |shares: [f64; 3]| {
+            let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
+            tracker.right = Modes::new(shares);
+            tracker.considered = vec![false, false, true];
+            tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover), Box::new(Carrier(None))];
             tracker.moves()
         };
-        assert!(moves([0.4, 0.6]) && !moves([0.6, 0.4]));
+        // The last candidate is considered.
+        assert!(moves([0.001, 0.5, 0.499]) && !moves([0.1, 0.5, 0.4]));
     }
 
     #[test]
