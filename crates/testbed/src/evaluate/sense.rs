@@ -59,7 +59,9 @@ impl<'a> TrialJob<'a> {
             Cow::Borrowed(_) => (with_readings(&loaded.motions, &readings_n_m), Cow::Borrowed(&loaded.ground_truth)),
             Cow::Owned(measured) => {
                 let rest = measured.sidecar.whisker.rest_shape();
-                let ground_truth = GroundTruth::new(measured, spec.outline.as_ref(), &rest);
+                // The space that the whisker has swept is that of the true motion.
+                let swept = loaded.ground_truth.swept.clone();
+                let ground_truth = GroundTruth { swept, ..GroundTruth::new(measured, spec.outline.as_ref(), &rest) };
                 (with_readings(&motions(&measured.recording), &readings_n_m), Cow::Owned(ground_truth))
             }
         };

@@ -117,7 +117,7 @@ fn sweeps(context: &Context, estimator: &str) -> Vec<ContourTrialRow> {
 }
 
 /// Largest gap between the radius intervals of two sweeps over one object (m), negative if all overlap. `None` if a
-/// sweep has no radius.
+/// sweep has no radius, or if no interval has an upper end: those agree whatever the radii.
 fn largest_gap_m(sweeps: &[ContourTrialRow]) -> Option<f64> {
     let mut ends: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for row in sweeps {
@@ -125,7 +125,7 @@ fn largest_gap_m(sweeps: &[ContourTrialRow]) -> Option<f64> {
         let of_object = ends.entry(&row.object).or_insert((low_m, high_m));
         *of_object = (of_object.0.max(low_m), of_object.1.min(high_m));
     }
-    ends.values().map(|(low_m, high_m)| low_m - high_m).reduce(f64::max)
+    ends.values().map(|(low_m, high_m)| low_m - high_m).reduce(f64::max).filter(|gap_m| gap_m.is_finite())
 }
 
 #[cfg(test)]
@@ -145,5 +145,6 @@ mod tests {
         assert_eq!(largest_gap_m(&agreeing), Some(-0.5));
         assert_eq!(largest_gap_m(&[sweep("a", Some(1.0), Some(2.0)), sweep("a", Some(3.0), Some(4.0))]), Some(1.0));
         assert_eq!(largest_gap_m(&[sweep("a", None, None)]), None);
+        assert_eq!(largest_gap_m(&[sweep("a", Some(1.0), None), sweep("a", Some(2.0), None)]), None);
     }
 }
