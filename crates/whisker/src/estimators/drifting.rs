@@ -48,6 +48,8 @@ pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dy
 impl Method for OfDrifting {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let Config { filter, object } = self.config;
-        Box::new(Follower::new(filter, object.beyond_pin(touch.face), touch, &self.knowledge))
+        let middle_m = 0.5 * touch.face.rest.length_m();
+        let object = object.beyond_pin(touch.face).after(touch.history, middle_m);
+        Box::new(Follower::new(filter, object, touch, &self.knowledge))
     }
 }

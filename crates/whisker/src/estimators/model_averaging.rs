@@ -115,7 +115,7 @@ impl Default for Config {
             ("sliding", 3.0),
             ("outline", 10.0),
             ("rubbing", 0.01),
-            ("drifting", 0.1),
+            ("drifting", 0.01),
         ]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))
@@ -358,9 +358,27 @@ impl AveragingTracker {
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
         let known = innovations.iter().zip(self.right.probabilities());
         let innovation = Innovation::of_mixture(known.filter_map(|(found, share)| Some(((*found)?, *share))))?;
-        let evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
+        let mut evidence: Vec<_> = innovations.iter().map(|found| Some(self.log_evidence(found.as_ref()?))).collect();
+        if !self.shows_motion(estimates) {
+            let of_moving = evidence.iter_mut().zip(&self.trackers).filter(|(_, tracker)| tracker.assumes_motion());
+            of_moving.for_each(|(evidence, _)| *evidence = None);
+        }
         self.right.reweight(&self.completed(&self.tempered(&evidence)))?;
         Some(innovation)
+    }
+
+    /// Whether readings can tell a moving object from one at rest: whether the more probable candidates at rest have their contacts
+    /// in the calibrated domain. Where a tip slides over an object, the reading may be constant, as if the object moved along.
+    fn shows_motion(&self, estimates: &[Option<Estimate>]) -> bool {
+        let known = self.trackers.iter().zip(&self.considered).zip(self.right.probabilities()).zip(estimates);
+        let (mut calibrated, mut total) = (0.0, 0.0);
+        for (((tracker, considered), share), estimate) in known {
+            if !considered && !tracker.assumes_motion() {
+                calibrated += if estimate.is_some_and(|estimate| estimate.calibrated) { *share } else { 0.0 };
+                total += share;
+            }
+        }
+        2.0 * calibrated >= total
     }
 
     /// The estimate with systematic errors in its covariance: the mean over the candidates that follow them and have an estimate.
@@ -784,6 +802,22 @@ mod tests {
         };
         // The last candidate is considered.
         assert!(moves([0.001, 0.5, 0.499]) && !moves([0.1, 0.5, 0.4]));
+    }
+
+    #[test]
+    fn verif_motion_shows_where_candidates_at_rest_are_calibrated() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
+        tracker.right = Modes::new([0.1, 0.9]);
+        tracker.considered = vec![false, false];
+        tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover)];
+        let calibrated = side.estimate_at(Point::new(0.05, 0.0), true, Matrix2::identity() * 1e-8, None);
+        let outside = Estimate { calibrated: false, ..calibrated };
+        assert!(tracker.shows_motion(&[Some(calibrated), None]));
+        assert!(!tracker.shows_motion(&[Some(outside), Some(calibrated)]));
+        // At the tip there is no estimate.
+        assert!(!tracker.shows_motion(&[None, Some(calibrated)]));
     }
 
     #[test]

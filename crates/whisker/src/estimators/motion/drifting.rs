@@ -9,7 +9,7 @@ use super::cartesian::Cartesian;
 use super::round::{Round, Wandering};
 use crate::estimators::Sample;
 use crate::estimators::side::{Side, StateIndices};
-use crate::frames::Pose;
+use crate::frames::{Base, Pose};
 use crate::sensor::CalibratedFace;
 use crate::settings::{SettingsError, within};
 
@@ -26,15 +26,19 @@ const VELOCITY: usize = 4;
 pub(in crate::estimators) struct Drifting {
     /// The object.
     pub object: Round,
-    /// Prior standard deviation of the velocity in each direction.
-    pub velocity_sd_m_s: f64,
+    /// Prior standard deviation of the velocity in each direction, relative to the speed of the whisker before the touch.
+    pub velocity_share: f64,
+    /// That speed, if nothing is known about the time before the touch.
+    pub speed_m_s: f64,
     /// Random walk of the velocity, as the standard deviation after one second.
     pub velocity_wander_m_s_sqrt_s: f64,
 }
 
 impl Default for Drifting {
+    /// Slow readings have no time scale of their own, so that a velocity is large or small compared with that of the whisker. An
+    /// object that moves along with the whisker explains any constant reading, as that of a tip that slides over a plane.
     fn default() -> Self {
-        Self { object: Round::of_any_scale(), velocity_sd_m_s: 1e-3, velocity_wander_m_s_sqrt_s: 1e-6 }
+        Self { object: Round::of_any_scale(), velocity_share: 0.2, speed_m_s: 1e-2, velocity_wander_m_s_sqrt_s: 1e-6 }
     }
 }
 
@@ -44,21 +48,34 @@ impl Drifting {
         Self { object: self.object.beyond_pin(face), ..self }
     }
 
+    /// The settings for a touch after these samples. Their speed is that of the point at the distance `at_m` from the base.
+    pub(in crate::estimators) fn after(self, history: &[Sample], at_m: f64) -> Self {
+        let way_m: f64 = history.iter().map(|sample| way_m(&sample.motion, at_m)).sum();
+        let time_s: f64 = history.iter().map(|sample| sample.dt_s).sum();
+        if way_m > 0.0 && time_s > 0.0 { Self { speed_m_s: way_m / time_s, ..self } } else { self }
+    }
+
     pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         self.object.validate()?;
-        within("velocity_sd_m_s", self.velocity_sd_m_s, 1e-9..=1.0)?;
+        within("velocity_share", self.velocity_share, 1e-6..=10.0)?;
+        within("speed_m_s", self.speed_m_s, 1e-6..=10.0)?;
         within("velocity_wander_m_s_sqrt_s", self.velocity_wander_m_s_sqrt_s, 1e-9..=1.0)
     }
 
     /// The belief with the prior of the velocity.
     fn extended(&self, belief: &Gaussian<4>) -> Gaussian<6> {
-        let variance = self.velocity_sd_m_s.powi(2);
+        let variance = (self.velocity_share * self.speed_m_s).powi(2);
         let mut covariance = SMatrix::<f64, 6, 6>::identity() * variance;
         covariance.fixed_view_mut::<4, 4>(0, 0).copy_from(&belief.covariance);
         let mut mean = SVector::<f64, 6>::zeros();
         mean.fixed_rows_mut::<4>(0).copy_from(&belief.mean);
         Gaussian::new(mean, covariance)
     }
+}
+
+/// Way of the point at the distance `at_m` from the base, at most.
+fn way_m(motion: &Pose<Base, Base>, at_m: f64) -> f64 {
+    motion.origin().vector().norm() + motion.yaw_rad().abs() * at_m
 }
 
 /// Process of one step.
@@ -205,6 +222,15 @@ mod tests {
         let place = Gaussian::new(vector![0.055, 3e-3], Matrix2::identity() * 1e-12);
         let belief = Drifting::default().belief(&place);
         assert_eq!(belief.mean.fixed_rows::<2>(VELOCITY), Vector2::zeros());
-        assert_eq!(belief.covariance.fixed_view::<2, 2>(VELOCITY, VELOCITY), Matrix2::identity() * 1e-6);
+        assert_eq!(belief.covariance.fixed_view::<2, 2>(VELOCITY, VELOCITY), Matrix2::identity() * 4e-6);
+    }
+
+    #[test]
+    fn verif_the_prior_of_the_velocity_scales_with_the_speed_before_the_touch() {
+        // 1 mm and 0.01 rad at 0.1 m in 0.1 s, twice: 20 mm/s.
+        let sample = Sample { motion: Pose::new(-6e-4, 8e-4, 0.01), dt_s: 0.1, reading_n_m: 0.0 };
+        assert_eq!(Drifting::default().after(&[], 0.1), Drifting::default());
+        let found = Drifting::default().after(&[sample; 2], 0.1).speed_m_s;
+        assert!((found - 0.02).abs() < 1e-15, "{found}");
     }
 }
