@@ -55,6 +55,26 @@ struct Scratch<const N: usize> {
     sources: Vec<usize>,
 }
 
+impl<const N: usize> Scratch<N> {
+    /// Stores the expected reading at a particle and the variance of its noise.
+    fn expect(&mut self, index: usize, found: Option<(f64, f64)>) {
+        let (expected, variance) = found.filter(|(expected, _)| !expected.is_nan()).unwrap_or((f64::NAN, 1.0));
+        self.expected.set(index, &Vector1::new(expected));
+        self.variances[index] = variance;
+    }
+
+    /// Stores the largest logarithm and returns the innovation relative to the mean predicted reading.
+    fn innovation(&mut self, sums: &Sums) -> Result<Innovation<1>, UpdateError> {
+        self.summary.largest_log = sums.largest_log;
+        if sums.largest_log == f64::NEG_INFINITY {
+            return Err(UpdateError::NoPrediction);
+        }
+        let residual = sums.first / sums.weight;
+        let covariance = (sums.second + sums.variance) / sums.weight - residual * residual;
+        Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(UpdateError::NotPositiveDefinite)
+    }
+}
+
 impl<const N: usize> ParticleSet<N> {
     /// Particle set with equal weights.
     ///
@@ -141,6 +161,27 @@ impl<const N: usize> ParticleSet<N> {
         Ok(innovation)
     }
 
+    /// Updates the weights as [`Self::update`] does, with the expected reading and the variance of its noise by `expect`, `None`
+    /// where the model is undefined. It may also move the particle, for example to enforce bounds of the model.
+    ///
+    /// # Errors
+    /// [`UpdateError`] as for [`Self::update`]; the weights are unchanged.
+    pub fn move_and_update(
+        &mut self,
+        expect: impl Fn(&mut SVector<f64, N>) -> Option<(f64, f64)>,
+        z: f64,
+    ) -> Result<Innovation<1>, UpdateError> {
+        for index in 0..self.particles.len() {
+            let mut particle = self.particles.get(index);
+            let found = expect(&mut particle);
+            self.particles.set(index, &particle);
+            self.scratch.expect(index, found);
+        }
+        let innovation = self.weigh_expected(|expected| z - expected)?;
+        self.accept_weights();
+        Ok(innovation)
+    }
+
     /// Updates the weights as [`Self::update`] does, with the influence of the reading bounded as in [`crate::robust`].
     /// If the effective sample size would fall below [`Renewal::share`], the particles are drawn anew from a proposal
     /// that uses the reading.
@@ -181,34 +222,34 @@ impl<const N: usize> ParticleSet<N> {
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
     ) -> Result<Innovation<1>, UpdateError> {
-        let Scratch { logs, summary, expected, variances, .. } = &mut self.scratch;
-        let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
         let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
-        let sums = if let Some(noise) = measurement.constant_noise() {
+        if let Some(noise) = measurement.constant_noise() {
             if !is_positive(noise[0]) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
+            let Scratch { logs, expected, .. } = &mut self.scratch;
+            let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
             measurement.predict_each(&self.particles, expected);
-            vectorised!(simd => log_weights_constant_noise(simd, residual, expected, noise[0], before, logs))
-        } else {
-            for (index, (variance, particle)) in variances.iter_mut().zip(self.particles.iter()).enumerate() {
-                let found = measurement.predict_with_noise(&particle).filter(|(expected, _)| !expected[0].is_nan());
-                let (at_particle, noise) = found.unwrap_or_else(|| (Vector1::repeat(f64::NAN), Matrix1::identity()));
-                expected.set(index, &at_particle);
-                *variance = noise[0];
-            }
-            if !variances.iter().take(self.particles.len()).all(|&variance| is_positive(variance)) {
-                return Err(UpdateError::NotPositiveDefinite);
-            }
-            vectorised!(simd => log_weights(simd, residual, expected, variances, before, logs))
-        };
-        summary.largest_log = sums.largest_log;
-        if sums.largest_log == f64::NEG_INFINITY {
-            return Err(UpdateError::NoPrediction);
+            let sums =
+                vectorised!(simd => log_weights_constant_noise(simd, residual, expected, noise[0], before, logs));
+            return self.scratch.innovation(&sums);
         }
-        let residual = sums.first / sums.weight;
-        let covariance = (sums.second + sums.variance) / sums.weight - residual * residual;
-        Innovation::of(Vector1::new(residual), Matrix1::new(covariance)).ok_or(UpdateError::NotPositiveDefinite)
+        for (index, particle) in self.particles.iter().enumerate() {
+            let found = measurement.predict_with_noise(&particle).map(|(expected, noise)| (expected[0], noise[0]));
+            self.scratch.expect(index, found);
+        }
+        self.weigh_expected(residual)
+    }
+
+    /// Writes the logarithms of the updated weights to the scratch buffer, by the expected readings and their variances there.
+    fn weigh_expected(&mut self, residual: impl Fn(f64) -> f64) -> Result<Innovation<1>, UpdateError> {
+        let Scratch { logs, expected, variances, .. } = &mut self.scratch;
+        if !variances.iter().take(self.particles.len()).all(|&variance| is_positive(variance)) {
+            return Err(UpdateError::NotPositiveDefinite);
+        }
+        let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
+        let sums = vectorised!(simd => log_weights(simd, residual, expected, variances, before, logs));
+        self.scratch.innovation(&sums)
     }
 
     /// Replaces the weights by those whose logarithms are in the scratch buffer.

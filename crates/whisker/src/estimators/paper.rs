@@ -22,7 +22,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Resting};
 use super::side::Side;
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
 use crate::frames::{Base, Point};
-use crate::sensor::AlongAway;
+use crate::sensor::{AlongAway, Shares};
 use crate::settings::{Settings, SettingsError, parse, within};
 
 /// Label of the sensor model.
@@ -100,12 +100,37 @@ impl<'a> Reading<'a> {
         contact: Point<Base>,
         place: AlongAway,
     ) -> (Vector1<f64>, f64) {
+        self.predicted_in(x, contact, place, self.side.face.domain.shares_and_containment(place))
+    }
+
+    /// As [`Self::predicted_at`], with the known position in the calibrated domain.
+    fn predicted_in<const N: usize>(
+        &self,
+        x: &SVector<f64, N>,
+        contact: Point<Base>,
+        place: AlongAway,
+        (shares, is_calibrated): (Shares, bool),
+    ) -> (Vector1<f64>, f64) {
         let face = &self.side.face;
-        let (shares, is_calibrated) = face.domain.shares_and_containment(place);
         let variance_n2_m2 = face.error.variance_n2_m2(shares);
         let expected_n_m = if is_calibrated { face.model.reading_n_m(contact) } else { self.expect(contact, place).0 };
         let error_n_m = self.model_error.map_or(0.0, |e| x[e] * variance_n2_m2.sqrt());
         (Vector1::new(expected_n_m + error_n_m), variance_n2_m2)
+    }
+
+    /// Moves the contact of a state into the calibrated domain, and returns its expected reading and the variance of the reading.
+    fn hold_and_predict<const N: usize>(&self, x: &mut SVector<f64, N>) -> Option<(f64, f64)> {
+        let face = &self.side.face;
+        let (mut contact, mut place) = self.place(x);
+        let mut position = face.domain.shares_and_containment(place);
+        if !position.1 {
+            contact = face.contact_at(face.domain.clamp(place));
+            (x[0], x[1]) = (contact.x(), contact.y());
+            place = face.along_and_away(contact);
+            position = face.domain.shares_and_containment(place);
+        }
+        let (expected, model_variance_n2_m2) = self.predicted_in(x, contact, place, position);
+        Some((expected[0], self.side.noise_n2_m2(place) + model_variance_n2_m2))
     }
 
     fn linearised_at<const N: usize>(
@@ -358,9 +383,8 @@ impl<Model: Motion<N>, const N: usize> Tracker for ParticleFollower<Model, N> {
             self.set.predict(&process, &mut self.rng);
             self.set.fade(self.config.paper.fading);
         }
-        self.set.map(|x| held(&self.side, x));
         let reading = Reading::of::<Model, N>(&self.side);
-        let innovation = self.set.update(&reading, &Vector1::new(sample.reading_n_m)).ok();
+        let innovation = self.set.move_and_update(|x| reading.hold_and_predict(x), sample.reading_n_m).ok();
         let estimate = estimate(&self.side, &self.motion, &self.set.moments(), innovation);
         if self.set.effective_size() < self.config.resample_share * self.set.particles().len() as f64 {
             self.set.resample(self.config.kernel, &mut self.rng);
