@@ -32,6 +32,8 @@ pub struct Domain {
     arc_range_m: (f64, f64),
     /// Number of intervals between nodes per length.
     intervals_per_m: f64,
+    /// Smallest and largest distance at the start of each interval, and their increases over it.
+    intervals: Vec<[f64; 4]>,
 }
 
 /// Values at the nodes, as they are stored.
@@ -50,8 +52,11 @@ impl From<Nodes> for Domain {
     fn from(nodes: Nodes) -> Self {
         let end = |arc_m: Option<&f64>| arc_m.copied().unwrap_or(f64::NAN);
         let arc_range_m = (end(nodes.arc_m.first()), end(nodes.arc_m.last()));
-        let intervals = nodes.arc_m.len().saturating_sub(1) as f64;
-        Self { intervals_per_m: intervals / (arc_range_m.1 - arc_range_m.0), arc_range_m, nodes }
+        let pairs = nodes.lower_m.windows(2).zip(nodes.upper_m.windows(2));
+        let intervals = pairs.map(|(lower, upper)| [lower[0], upper[0], lower[1] - lower[0], upper[1] - upper[0]]);
+        let count = nodes.arc_m.len().saturating_sub(1) as f64;
+        let intervals_per_m = count / (arc_range_m.1 - arc_range_m.0);
+        Self { intervals: intervals.collect(), intervals_per_m, arc_range_m, nodes }
     }
 }
 
@@ -147,12 +152,9 @@ impl Domain {
     /// Calibrated range of the distance at an arc length within [`Self::arc_range_m`].
     #[inline]
     pub fn away_range_m(&self, arc_m: f64) -> (f64, f64) {
-        let (node, part) = node_below((arc_m - self.arc_range_m.0) * self.intervals_per_m, self.nodes.arc_m.len());
-        let between = |values: &[f64]| {
-            let [low, high] = [values[node], values[node + 1]];
-            low + part * (high - low)
-        };
-        (between(&self.nodes.lower_m), between(&self.nodes.upper_m))
+        let (node, part) = node_below((arc_m - self.arc_range_m.0) * self.intervals_per_m, self.intervals.len() + 1);
+        let [lower_m, upper_m, lower_step_m, upper_step_m] = self.intervals[node];
+        (lower_m + part * lower_step_m, upper_m + part * upper_step_m)
     }
 
     /// Position of a contact within the region, from 0 to 1 in each direction. Positions outside are moved to the

@@ -247,7 +247,8 @@ impl SensorModel for ElasticaModel {
     }
 
     fn reading_n_m(&self, contact: Point<Base>) -> f64 {
-        self.predict(contact).reading_n_m
+        let Tuned { parameters, base_in_root, mechanics } = &*self.tuned;
+        parameters.respond(mechanics.moment_n_m(base_in_root.apply(contact))).0
     }
 
     fn to_json(&self) -> Value {

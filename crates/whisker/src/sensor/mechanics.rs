@@ -85,6 +85,10 @@ impl Lattice {
         table.look(&self.grid.place(polar.at))
     }
 
+    fn value(&self, table: &Table, contact: Point<Base>) -> f64 {
+        table.value(&self.grid.place(self.frame.polar(contact).at))
+    }
+
     /// The values of `solved` at the elastica's solution for each node. At a node out of the whisker's reach, the last
     /// value within reach is extrapolated: `beyond` does so over an angle.
     fn solve<Node: Copy>(
@@ -176,9 +180,14 @@ impl Mechanics {
         Prediction { reading_n_m: found.value, gradient_n: polar.by_place(found.gradient) }
     }
 
+    /// Moment of a contact.
+    pub(super) fn moment_n_m(&self, contact: Point<Base>) -> f64 {
+        self.lattice.value(&self.moment_n_m, contact)
+    }
+
     /// Tangent angle of the whisker at a contact.
     pub(super) fn tangent_rad(&self, contact: Point<Base>) -> f64 {
-        self.lattice.look(&self.tangent_rad, &self.lattice.frame.polar(contact)).value
+        self.lattice.value(&self.tangent_rad, contact)
     }
 }
 
@@ -215,8 +224,7 @@ impl Sensitivities {
 
     /// The derivatives at a contact.
     pub(super) fn at(&self, contact: Point<Base>) -> [f64; PARAMETERS.len()] {
-        let polar = self.lattice.frame.polar(contact);
-        self.tables.each_ref().map(|table| self.lattice.look(table, &polar).value)
+        self.tables.each_ref().map(|table| self.lattice.value(table, contact))
     }
 }
 

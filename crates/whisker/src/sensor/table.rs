@@ -23,6 +23,20 @@ pub(super) struct Place {
     beyond: Vector2<f64>,
 }
 
+/// Weights of value and slope at the two ends of a pitch.
+#[inline]
+fn weights(t: f64) -> [[f64; 2]; 2] {
+    let r = 1.0 - t;
+    [[(1.0 + 2.0 * t) * r * r, t * r * r], [t * t * (1.0 + 2.0 * r), -t * t * r]]
+}
+
+/// Their derivatives by the position.
+#[inline]
+fn weight_slopes(t: f64) -> [[f64; 2]; 2] {
+    let r = 1.0 - t;
+    [[-6.0 * t * r, r * (r - 2.0 * t)], [6.0 * t * r, t * (t - 2.0 * r)]]
+}
+
 /// A function with its derivatives by the two coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Looked {
@@ -120,16 +134,27 @@ impl Table {
         Self { grid, nodes: (0..values.len()).map(node).collect() }
     }
 
+    /// The value alone of [`Self::look`], bit by bit.
+    pub(super) fn value(&self, place: &Place) -> f64 {
+        if place.beyond != Vector2::zeros() {
+            return self.look(place).value;
+        }
+        let [u, v] = place.part.map(weights);
+        let mut value = 0.0;
+        for i in 0..2 {
+            for j in 0..2 {
+                let [f, f_u, f_v, f_uv] = self.nodes[place.node + i * self.grid.nodes[1] + j];
+                let (level, steep) = (f * v[j][0] + f_v * v[j][1], f_u * v[j][0] + f_uv * v[j][1]);
+                value += u[i][0] * level + u[i][1] * steep;
+            }
+        }
+        value
+    }
+
     /// The function at a position in its grid.
     pub(super) fn look(&self, place: &Place) -> Looked {
-        // Weights of value and slope at the two ends of a pitch, and the weights' derivatives.
-        let weights = |t: f64| {
-            let r = 1.0 - t;
-            let value = [[(1.0 + 2.0 * t) * r * r, t * r * r], [t * t * (1.0 + 2.0 * r), -t * t * r]];
-            let slope = [[-6.0 * t * r, r * (r - 2.0 * t)], [6.0 * t * r, t * (t - 2.0 * r)]];
-            (value, slope)
-        };
-        let ((u, du), (v, dv)) = (weights(place.part[0]), weights(place.part[1]));
+        let [u, v] = place.part.map(weights);
+        let [du, dv] = place.part.map(weight_slopes);
         let (mut value, mut gradient) = (0.0, Vector2::zeros());
         for i in 0..2 {
             for j in 0..2 {
@@ -151,6 +176,16 @@ impl Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn verif_the_value_alone_is_that_with_the_gradient() {
+        let (grid, table) = table(9, true);
+        for i in 0..40 {
+            let at = [0.3 + 0.06 * f64::from(i), -1.1 + 0.058 * f64::from(i)];
+            let place = grid.place(at);
+            assert_eq!(table.value(&place), table.look(&place).value, "{at:?}");
+        }
+    }
 
     fn table(nodes: usize, with_slopes: bool) -> (Grid, Table) {
         let grid = Grid::new([0.5, -1.0], [2.5, 1.0], [nodes, nodes]);

@@ -219,8 +219,16 @@ impl Motion<4> for Round {
     }
 }
 
+/// Unit vector from a contact to the centre of the object, and the direction of the whisker there, if it has turned by `turn_rad`.
+fn inward_and_ahead(side: &Side, along_m: f64, turn_rad: f64) -> (Vector2<f64>, Vector2<f64>) {
+    let ahead = direction(side.face.rest.tangent_rad(along_m) + turn_rad);
+    (vector![-ahead.y, ahead.x] * -side.face.face.away_sign(), ahead)
+}
+
 /// Tangency of whisker and object.
 pub(super) struct Tangency {
+    /// The contact.
+    pub(super) contact: Point<Base>,
     /// Centre of the object in Base.
     pub(super) middle_m: Vector2<f64>,
     /// Unit vector from the contact to the centre.
@@ -242,8 +250,7 @@ impl Tangency {
     ) -> Self {
         let face = &side.face;
         let at = AlongAway::of_state(place);
-        let ahead = direction(face.rest.tangent_rad(at.along_m) + turn_rad);
-        let inward = vector![-ahead.y, ahead.x] * -face.face.away_sign();
+        let (inward, ahead) = inward_and_ahead(side, at.along_m, turn_rad);
         // The inward normal turns in the opposite direction to the tangent.
         let turning = product(
             &(ahead * face.face.away_sign() * radius_m),
@@ -256,6 +263,7 @@ impl Tangency {
         let bent = product(&to_place, &turning);
         let play = (1.0 + bent.trace()).max(LEAST_PLAY);
         Self {
+            contact,
             middle_m: contact.vector() + inward * radius_m,
             inward,
             // Sherman-Morrison formula: the second part is of rank one.
@@ -293,13 +301,11 @@ impl Wandering<'_> {
         Tangency::new(self.side, place, radius_m, self.side.turn_rad(AlongAway::of_state(place)))
     }
 
-    /// Coordinates one step later, with the object's centre at rest in the world, and the tangency before.
-    fn moved(&self, x: &Vector4<f64>) -> (Vector2<f64>, Tangency) {
-        let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
-        let middle_m = self.motion.apply(Point::from_vector(before.middle_m)).vector();
-        let face = &self.side.face;
-        let start = face.along_and_away(self.motion.apply(face.contact_at(AlongAway::of_state(x)))).vector();
-        (Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, x[2])), before)
+    /// Coordinates one step later of a contact with an object whose centre is at rest in the world.
+    fn moved(&self, contact: Point<Base>, middle_m: Vector2<f64>, radius_m: f64) -> Vector2<f64> {
+        let middle_m = self.motion.apply(Point::from_vector(middle_m)).vector();
+        let start = self.side.face.along_and_away(self.motion.apply(contact)).vector();
+        Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, radius_m))
     }
 
     /// Process noise of a step over which the sensor model's error has the correlation `kept` and the whisker turns by
@@ -317,22 +323,25 @@ impl Wandering<'_> {
 
     /// Displacement of the contact in Base by the base's motion. The variance of the two measured poses, which would
     /// give a displacement even at standstill, is subtracted from its square.
-    pub(super) fn way_m(&self, x: &Vector4<f64>) -> f64 {
-        let before = self.side.face.contact_at(AlongAway::of_state(x));
+    pub(super) fn way_m(&self, before: Point<Base>) -> f64 {
         let noise_m2 = 2.0 * self.side.base_noise.of_point_m2(before).trace();
         (self.motion.apply(before).distance(&before).powi(2) - noise_m2).max(0.0).sqrt()
     }
 
-    /// Correlation of the sensor model's error over the step.
-    pub(super) fn kept(&self, x: &Vector4<f64>) -> f64 {
-        (-self.way_m(x) / self.error_length_m).exp()
+    /// Correlation of the sensor model's error over the step, from a contact.
+    pub(super) fn kept(&self, before: Point<Base>) -> f64 {
+        (-self.way_m(before) / self.error_length_m).exp()
     }
 }
 
 impl Process<4> for Wandering<'_> {
+    /// The coordinates of the object's centre suffice; the derivatives of [`Tangency`] are not needed.
     fn predict(&self, x: &Vector4<f64>) -> Vector4<f64> {
-        let (place, _) = self.moved(x);
-        vector![place[0], place[1], x[2], x[3] * self.kept(x)]
+        let at = AlongAway::of_state(x);
+        let contact = self.side.face.contact_at(at);
+        let (inward, _) = inward_and_ahead(self.side, at.along_m, self.side.turn_rad(at).0);
+        let place = self.moved(contact, contact.vector() + inward * x[2], x[2]);
+        vector![place[0], place[1], x[2], x[3] * self.kept(contact)]
     }
 
     fn jacobian(&self, x: &Vector4<f64>) -> Matrix4<f64> {
@@ -340,7 +349,10 @@ impl Process<4> for Wandering<'_> {
     }
 
     fn noise(&self, x: &Vector4<f64>) -> Matrix4<f64> {
-        if self.slip_per_rad > 0.0 { self.linearised(x).2 } else { self.noise_over(self.kept(x), 0.0, x[2]) }
+        if self.slip_per_rad > 0.0 {
+            return self.linearised(x).2;
+        }
+        self.noise_over(self.kept(self.side.face.contact_at(AlongAway::of_state(x))), 0.0, x[2])
     }
 
     fn linearised(&self, x: &Vector4<f64>) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>) {
@@ -361,9 +373,10 @@ impl Wandering<'_> {
         &self,
         x: &Vector4<f64>,
     ) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>, Matrix2<f64>) {
-        let (place, before) = self.moved(x);
+        let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
+        let place = self.moved(before.contact, before.middle_m, x[2]);
         let after = self.tangency(&place, x[2]);
-        let kept = self.kept(x);
+        let kept = self.kept(before.contact);
         let turned = self.motion.rotation();
         let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);
         jacobian.fixed_view_mut::<2, 2>(0, 0).copy_from(&product(&product(&after.inverse, &turned), &before.by_place));
@@ -454,7 +467,7 @@ mod tests {
         let side = Side::new(&knowledge.faces[0], &knowledge);
         let way_m = |motion| {
             let step = Round::default().step(&side, &Sample { motion, dt_s: 0.004, reading_n_m: 0.0 });
-            step.way_m(&vector![0.055, 3e-3, 2e-3, 0.7])
+            step.way_m(side.face.contact_at(AlongAway::new(0.055, 3e-3)))
         };
         assert_eq!(way_m(Pose::new(1e-4, 1e-4, 0.0)), 0.0);
         assert!((way_m(Pose::new(0.0, 1e-2, 0.0)) - 1e-2).abs() < 1e-5);

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use filters::{Gaussian, Process, product};
-use nalgebra::{RowVector4, SMatrix, SVector, Vector2, Vector4, vector};
+use nalgebra::{RowVector4, SMatrix, SVector, Vector2, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
@@ -239,7 +239,7 @@ impl Sticking<'_> {
         let (face, motion) = (&self.object.side.face, &self.object.motion);
         let before = self.rest(place, radius_m, ratio);
         let middle_m = motion.apply(Point::from_vector(before.tangency.middle_m)).vector();
-        let start = face.along_and_away(motion.apply(face.contact_at(AlongAway::of_state(&place)))).vector();
+        let start = face.along_and_away(motion.apply(before.tangency.contact)).vector();
         let found =
             |start, ratio| Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, radius_m, ratio));
         let kept = self.rest(found(start, ratio), radius_m, ratio);
@@ -254,7 +254,7 @@ impl Sticking<'_> {
         } else if kept.place[1] <= 0.0 {
             Bounded::unknown(most)
         } else {
-            let error_m = self.slip_error * self.object.way_m(&x.fixed_rows::<4>(0).into());
+            let error_m = self.slip_error * self.object.way_m(before.tangency.contact);
             Bounded::new(ratio - slip_m / yield_m, error_m / yield_m, most)
         };
         let guess = kept.place + by_ratio * (bounded.mean - ratio);
@@ -266,7 +266,7 @@ impl Sticking<'_> {
 impl Process<6> for Sticking<'_> {
     fn predict(&self, x: &SVector<f64, 6>) -> SVector<f64, 6> {
         let moved = self.moved(x);
-        let kept = self.object.kept(&x.fixed_rows::<4>(0).into());
+        let kept = self.object.kept(moved.before.tangency.contact);
         SVector::from([moved.place[0], moved.place[1], x[2], x[3] * kept, moved.ratio.mean, x[5]])
     }
 
@@ -282,8 +282,7 @@ impl Process<6> for Sticking<'_> {
     fn linearised(&self, x: &SVector<f64, 6>) -> (SVector<f64, 6>, SMatrix<f64, 6, 6>, SMatrix<f64, 6, 6>) {
         let radius_m = x[RADIUS];
         let Moved { place, ratio, before, kept, after, turn_rad, yield_m } = self.moved(x);
-        let object: Vector4<f64> = x.fixed_rows::<4>(0).into();
-        let correlation = self.object.kept(&object);
+        let correlation = self.object.kept(before.tangency.contact);
         let rotation = self.object.motion.rotation();
         // Of the object's centre, in the order of a `Row`.
         let mut middle_by = SMatrix::<f64, 2, 4>::zeros();
