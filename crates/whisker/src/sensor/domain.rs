@@ -218,7 +218,8 @@ pub(crate) fn are_even_nodes(arc_m: &[f64], length_m: f64) -> bool {
 #[inline]
 pub(crate) fn node_below(position: f64, count: usize) -> (usize, f64) {
     let position = position.clamp(0.0, (count - 1) as f64);
-    let node = (position as usize).min(count - 2);
+    // The conversion to 32 bits takes one instruction, that to an unsigned number of 64 bits several.
+    let node = (position as u32 as usize).min(count - 2);
     (node, position - node as f64)
 }
 

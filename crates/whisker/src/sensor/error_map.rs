@@ -105,8 +105,17 @@ impl ErrorMap {
     /// Variance of the error at a position within the region.
     #[inline]
     pub fn variance_n2_m2(&self, shares: Shares) -> f64 {
-        let corners = corners(self.along, self.away, shares);
-        corners.iter().map(|&(node, weight)| weight * self.sd_n_m[node].powi(2)).sum()
+        let [(first, a), (_, b), (second, c), (_, d)] = corners(self.along, self.away, shares);
+        // One check of bounds for each pair of neighbours.
+        let ([near, far], [near_next, far_next]) = (self.pair(first), self.pair(second));
+        a * near.powi(2) + b * far.powi(2) + c * near_next.powi(2) + d * far_next.powi(2)
+    }
+
+    /// Standard deviations at a node and at the next one.
+    #[inline]
+    fn pair(&self, node: usize) -> [f64; 2] {
+        let pair = &self.sd_n_m[node..node + 2];
+        [pair[0], pair[1]]
     }
 }
 

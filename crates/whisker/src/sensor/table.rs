@@ -79,7 +79,7 @@ impl Grid {
             let last = self.nodes[axis] - 1;
             let position = (at[axis] - self.first[axis]) / self.pitch[axis];
             let held = position.clamp(0.0, last as f64);
-            cell[axis] = (held as usize).min(last - 1);
+            cell[axis] = (held as u32 as usize).min(last - 1);
             part[axis] = held - cell[axis] as f64;
             beyond[axis] = position - held;
         }
