@@ -10,7 +10,7 @@ use world::{base, configured, contact, estimator, knowledge, samples};
 const NOISE_N_M: f64 = 3e-7;
 
 /// The filters, each with the path of the motion among its settings.
-const FILTERS: [(&str, &str); 11] = [
+const FILTERS: [(&str, &str); 8] = [
     ("ekf", "/motion"),
     ("iekf", "/motion"),
     ("ukf", "/motion"),
@@ -19,9 +19,6 @@ const FILTERS: [(&str, &str); 11] = [
     ("smoother-sliding", "/motion"),
     ("batch", "/guess/motion"),
     ("batch-sliding", "/guess/motion"),
-    ("paper-ekf", "/motion"),
-    ("paper-ukf", "/motion"),
-    ("paper-particle", "/motion"),
 ];
 
 fn motions() -> [Value; 2] {
@@ -48,14 +45,6 @@ fn verif_every_filter_takes_every_motion() {
             assert!(error_m < 0.5e-3, "{name}, {motion}: {} mm", 1e3 * error_m);
             assert_eq!(last.radius.is_some(), motion["kind"] == "round", "{name}, {motion}");
         }
-    }
-}
-
-#[test]
-fn verif_published_filters_rest_by_default() {
-    for (name, place) in FILTERS.iter().filter(|(name, _)| name.starts_with("paper-")) {
-        let defaults = (estimators::estimator(name).unwrap().defaults)();
-        assert_eq!(defaults.pointer(place).unwrap()["kind"], "resting", "{name}");
     }
 }
 

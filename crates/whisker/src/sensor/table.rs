@@ -141,11 +141,11 @@ impl Table {
         }
         let [u, v] = place.part.map(weights);
         let mut value = 0.0;
-        for i in 0..2 {
-            for j in 0..2 {
+        for (i, u) in u.iter().enumerate() {
+            for (j, v) in v.iter().enumerate() {
                 let [f, f_u, f_v, f_uv] = self.nodes[place.node + i * self.grid.nodes[1] + j];
-                let (level, steep) = (f * v[j][0] + f_v * v[j][1], f_u * v[j][0] + f_uv * v[j][1]);
-                value += u[i][0] * level + u[i][1] * steep;
+                let (level, steep) = (f * v[0] + f_v * v[1], f_u * v[0] + f_uv * v[1]);
+                value += u[0] * level + u[1] * steep;
             }
         }
         value

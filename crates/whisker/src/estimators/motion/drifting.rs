@@ -5,7 +5,6 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
-use super::cartesian::Cartesian;
 use super::round::{Round, Wandering};
 use crate::estimators::Sample;
 use crate::estimators::side::{Side, StateIndices};
@@ -92,7 +91,6 @@ impl Motion<6> for Drifting {
     const OBJECT_MOVES: bool = true;
 
     type Step<'a> = Drift<'a>;
-    type CartesianStep<'a> = Cartesian<'a, Drift<'a>>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<6> {
         self.extended(&self.object.belief(place))
@@ -109,10 +107,6 @@ impl Motion<6> for Drifting {
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Drift<'a> {
         let velocity_m2_s2 = self.velocity_wander_m_s_sqrt_s.powi(2) * sample.dt_s;
         Drift { side, object: self.object, sample: *sample, velocity_m2_s2 }
-    }
-
-    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a> {
-        Cartesian { side, step: self.step(side, sample) }
     }
 }
 

@@ -5,7 +5,6 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
-use super::cartesian::Cartesian;
 use super::round::{Round, Wandering};
 use crate::estimators::side::{Side, StateIndices};
 use crate::estimators::{Estimate, Sample};
@@ -79,7 +78,6 @@ impl Motion<8> for Installed {
     const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: Some(GAIN), friction: None };
 
     type Step<'a> = Moving<'a>;
-    type CartesianStep<'a> = Cartesian<'a, Moving<'a>>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<8> {
         self.extended(&self.object.belief(place))
@@ -95,10 +93,6 @@ impl Motion<8> for Installed {
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Moving<'a> {
         Moving { side, object: self.object, sample: *sample }
-    }
-
-    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a> {
-        Cartesian { side, step: self.step(side, sample) }
     }
 
     /// The contact in the nominal frame.

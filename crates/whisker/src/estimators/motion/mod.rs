@@ -2,7 +2,6 @@
 //!
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
-mod cartesian;
 mod drifting;
 mod installed;
 mod resting;
@@ -33,9 +32,6 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// Process of one step.
     type Step<'a>: Process<N>;
 
-    /// The same for a state with the contact in Cartesian coordinates of Base, as published.
-    type CartesianStep<'a>: Process<N>;
-
     /// The initial belief, from one about the contact's coordinates.
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<N>;
 
@@ -57,9 +53,6 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
 
     /// The process of the step to a sample.
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
-
-    /// The process of the step to a sample, in Cartesian coordinates.
-    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a>;
 }
 
 /// The registry of motion models, with their settings.

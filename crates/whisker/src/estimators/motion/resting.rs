@@ -29,10 +29,15 @@ impl Default for Resting {
 }
 
 impl Resting {
-    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+    pub(in crate::estimators) fn validate(&self) -> Result<(), SettingsError> {
         // Without process noise a covariance can lose its last digits; a whisker's length per second discards all
         // memory.
         within("wander_m_sqrt_s", self.wander_m_sqrt_s, 1e-9..=0.1)
+    }
+
+    /// The process of the step to a sample, for a contact in Cartesian coordinates of Base.
+    pub(in crate::estimators) fn cartesian_step(&self, sample: &Sample) -> CartesianRest {
+        CartesianRest { motion: sample.motion, wander_m2: self.wander_m2(sample) }
     }
 
     /// Variance that a step adds in each direction.
@@ -51,7 +56,6 @@ pub(in crate::estimators) struct Rest<'a> {
 
 impl Motion<2> for Resting {
     type Step<'a> = Rest<'a>;
-    type CartesianStep<'a> = CartesianRest;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<2> {
         *place
@@ -59,10 +63,6 @@ impl Motion<2> for Resting {
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Rest<'a> {
         Rest { side, motion: sample.motion, wander_m2: self.wander_m2(sample) }
-    }
-
-    fn cartesian_step(&self, _: &Side, sample: &Sample) -> CartesianRest {
-        CartesianRest { motion: sample.motion, wander_m2: self.wander_m2(sample) }
     }
 }
 

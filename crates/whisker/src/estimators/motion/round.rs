@@ -5,7 +5,6 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
-use super::cartesian::Cartesian;
 use crate::estimators::Sample;
 use crate::estimators::side::{Side, StateIndices};
 use crate::frames::{Base, Point, Pose};
@@ -167,7 +166,6 @@ impl Motion<4> for Round {
     const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None, friction: None };
 
     type Step<'a> = Wandering<'a>;
-    type CartesianStep<'a> = Cartesian<'a, Wandering<'a>>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<4> {
         let (radius_m, radius_sd_m) = self.expected_radius_m();
@@ -212,10 +210,6 @@ impl Motion<4> for Round {
             slip_per_rad: self.slip_sqrt_rad.powi(2),
             error_length_m: self.error_length_m,
         }
-    }
-
-    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a> {
-        Cartesian { side, step: self.step(side, sample) }
     }
 }
 

@@ -7,7 +7,6 @@ use nalgebra::{RowVector4, SMatrix, SVector, Vector2, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
-use super::cartesian::Cartesian;
 use super::round::{Round, Tangency, Wandering};
 use crate::estimators::side::{Side, StateIndices};
 use crate::estimators::{Estimate, FrictionCoefficient, Sample};
@@ -112,7 +111,6 @@ impl Motion<6> for Rubbing {
     const INDICES: StateIndices = StateIndices { model_error: Some(3), gain: None, friction: Some(RATIO) };
 
     type Step<'a> = Sticking<'a>;
-    type CartesianStep<'a> = Cartesian<'a, Sticking<'a>>;
 
     fn belief(&self, place: &Gaussian<2>) -> Gaussian<6> {
         self.extended(&self.object.belief(place))
@@ -134,10 +132,6 @@ impl Motion<6> for Rubbing {
             coefficient_variance: self.coefficient_wander_sqrt_s.powi(2) * sample.dt_s,
             is_back: sample.dt_s == 0.0,
         }
-    }
-
-    fn cartesian_step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::CartesianStep<'a> {
-        Cartesian { side, step: self.step(side, sample) }
     }
 
     /// Adds the coefficient of friction, if the readings determine it.
