@@ -228,7 +228,8 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
-    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods }))
+    let noise_n2_m2 = knowledge.noise_sd_n_m.powi(2);
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, noise_n2_m2 }))
 }
 
 /// Smallest factor of the innovation covariances in the evidence, so that after nearly exact readings one of ordinary size does not
@@ -248,6 +249,7 @@ type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
+    noise_n2_m2: f64,
 }
 
 impl Method for ModelAveraging {
@@ -257,6 +259,7 @@ impl Method for ModelAveraging {
             config: self.config.clone(),
             considered: self.config.candidates.iter().map(|candidate| candidate.considered).collect(),
             face: touch.face.clone(),
+            noise_n2_m2: self.noise_n2_m2,
             methods: self.methods.clone(),
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
@@ -284,6 +287,8 @@ struct AveragingTracker {
     config: Arc<Config>,
     considered: Vec<bool>,
     face: Arc<CalibratedFace>,
+    /// Variance of the noise of a reading.
+    noise_n2_m2: f64,
     weights: Vec<f64>,
     methods: Methods,
     trackers: Vec<Box<dyn Tracker>>,
@@ -341,18 +346,23 @@ impl AveragingTracker {
     /// Evidence of all candidates. One without has the mean likelihood of the others, weighted by their probabilities, so that its
     /// own probability does not change.
     fn completed(&self, evidence: &[Option<f64>]) -> Vec<Option<f64>> {
+        let mean = self.mean_evidence(evidence);
+        evidence.iter().map(|log| Some(log.unwrap_or(mean))).collect()
+    }
+
+    /// Logarithm of the mean likelihood of the candidates that have one, weighted by their probabilities.
+    fn mean_evidence(&self, evidence: &[Option<f64>]) -> f64 {
         let known =
             || evidence.iter().zip(self.right.probabilities()).filter_map(|(log, share)| Some(((*log)?, *share)));
         let largest = known().map(|(log, _)| log).fold(f64::NEG_INFINITY, f64::max);
         let (likelihood, total) = known().fold((0.0, 0.0), |(likelihood, total), (log, share)| {
             (likelihood + share * (log - largest).exp(), total + share)
         });
-        let mean = if likelihood > 0.0 { largest + (likelihood / total).ln() } else { largest };
-        evidence.iter().map(|log| Some(log.unwrap_or(mean))).collect()
+        if likelihood > 0.0 { largest + (likelihood / total).ln() } else { largest }
     }
 
     /// Updates the candidates' probabilities and returns the innovation of the mixture.
-    fn weigh(&mut self, sample: &Sample, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
+    fn weigh(&mut self, sample: &Sample, count: f64, estimates: &[Option<Estimate>]) -> Option<Innovation<1>> {
         let sojourns_s = vec![self.config.sojourn_s; self.methods.len()];
         self.right.predict(&Transition::from_sojourns(sample.dt_s, &sojourns_s, &self.weights));
         let innovations: Vec<_> = estimates.iter().map(|estimate| estimate.as_ref()?.innovation).collect();
@@ -363,8 +373,23 @@ impl AveragingTracker {
             let of_moving = evidence.iter_mut().zip(&self.trackers).filter(|(_, tracker)| tracker.assumes_motion());
             of_moving.for_each(|(evidence, _)| *evidence = None);
         }
-        self.right.reweight(&self.completed(&self.tempered(&evidence)))?;
+        let evidence = self.discounted(&self.tempered(&evidence), count);
+        self.right.reweight(&self.completed(&evidence))?;
         Some(innovation)
+    }
+
+    /// The evidence with that of moving objects, relative to the mean of all, multiplied by the noise's share of the variance of
+    /// the mean of `count` readings. The rest is the sensor model's error. It recurs at the same place and varies slowly along the
+    /// whisker, as the effect of a motion does, so that many readings with it count as one.
+    fn discounted(&self, evidence: &[Option<f64>], count: f64) -> Vec<Option<f64>> {
+        let Some(contact) = self.stated.map(|stated| stated.contact) else { return evidence.to_vec() };
+        let noise_n2_m2 = self.noise_n2_m2 / count;
+        let share = noise_n2_m2 / (noise_n2_m2 + self.face.model_variance_n2_m2(contact));
+        let mean = self.mean_evidence(evidence);
+        let discount = |(log, tracker): (&Option<f64>, &Box<dyn Tracker>)| {
+            log.map(|log| if tracker.assumes_motion() { mean + share * (log - mean) } else { log })
+        };
+        evidence.iter().zip(&self.trackers).map(discount).collect()
     }
 
     /// Whether readings can tell a moving object from one at rest: whether the more probable candidates at rest have their contacts
@@ -577,7 +602,7 @@ impl AveragingTracker {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
-        let innovation = self.weigh(sample, &estimates);
+        let innovation = self.weigh(sample, count, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moves();
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
@@ -681,6 +706,7 @@ mod tests {
             config: Arc::new(config),
             considered: vec![false, true],
             face: face.clone(),
+            noise_n2_m2: 1e-10,
             weights: shares.to_vec(),
             methods: Arc::new([]),
             trackers: Vec::new(),
