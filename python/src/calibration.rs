@@ -104,6 +104,12 @@ impl Calibration {
         self.file.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max)
     }
 
+    /// Largest magnitude of a reading that estimators use (N m); larger ones count as missing.
+    #[getter]
+    fn gate_n_m(&self) -> f64 {
+        self.file.gate().most_n_m()
+    }
+
     /// Calibrated domain of a face: nodes `arc_m` along the undeflected whisker and at each the range `lower_m` to
     /// `upper_m` of the distance from it, positive away from the object. Linear between nodes.
     fn domain<'py>(&self, py: Python<'py>, face: &str) -> PyResult<Bound<'py, PyAny>> {

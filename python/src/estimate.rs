@@ -168,17 +168,10 @@ pub(crate) fn returned(
     }
     let contact = Point::new(x_m, y_m);
     let estimate = estimators::Estimate {
-        contact,
-        face,
         covariance_m2: covariance(object)?,
         calibrated: knowledge.face(face).is_some_and(|face| face.domain.contains(face.along_and_away(contact))),
-        at_tip: false,
         innovation: innovation(object)?,
-        radius: None,
-        friction: None,
-        models: None,
-        model_doubtful: false,
-        second_contact: false,
+        ..estimators::Estimate::at(contact, face)
     };
     Ok(Some(estimators::Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
 }

@@ -136,7 +136,8 @@ impl Estimator {
     /// Takes one sample: the motion of the base since the last one, the time since then (s) and the reading (N m).
     ///
     /// `motion` is the pose (x in m, y in m, yaw in rad) of the base's frame at the last sample in its present frame; a tuple is
-    /// the fastest. Returns `None` while the whisker is free or the method has no estimate.
+    /// the fastest. `dt_s` is positive, or 0 at the first sample. Returns `None` while the whisker is free, at a reading beyond
+    /// `Calibration.gate_n_m`, and where the method has no estimate. Raises `ValueError` for numbers that are not finite.
     fn step(&self, motion: Motion, dt_s: f64, reading_n_m: f64) -> PyResult<Option<Estimate>> {
         check_dt(dt_s)?;
         if !reading_n_m.is_finite() {
@@ -148,7 +149,7 @@ impl Estimator {
 
     /// Takes one sample given by the time (s), the pose of the base in World (x in m, y in m, yaw in rad) and the reading (N m).
     ///
-    /// The times must ascend. An estimator takes its samples either by `step` or by `update`.
+    /// The times must ascend; the yaw may be wrapped. An estimator takes its samples either by `step` or by `update`.
     fn update(&self, t_s: f64, base: Placed, reading_n_m: f64) -> PyResult<Option<Estimate>> {
         let mut running = self.running();
         if !t_s.is_finite() || running.last_s.is_some_and(|last_s| t_s <= last_s) {

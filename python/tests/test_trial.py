@@ -1,5 +1,7 @@
 """Trials: noise, truth, scores, bound, own estimators, outlines and maps."""
 
+import hashlib
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -186,6 +188,26 @@ def test_verif_evaluate_has_a_row_for_each_trace_seed_and_estimator(simulated, c
         wc.evaluate([simulated], {}, ["ekf"])
     with pytest.raises(ValueError, match="found 0 traces"):
         wc.evaluate([], calibration, ["ekf"])
+    with pytest.raises(ValueError, match="seeds: found none"):
+        wc.evaluate([simulated], calibration, ["ekf"], seeds=0)
+
+
+def test_robust_a_glitch_does_not_scale_the_noise(tmp_path, calibration):
+    for file in GOLDEN.glob("golden_pin*"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    table, sidecar = tmp_path / "golden_pin.csv", tmp_path / "golden_pin.json"
+    lines = table.read_text().splitlines()
+    column = lines[0].split(",").index("moment_z_n_m")
+    cells = lines[200].split(",")
+    cells[column] = "1.0"
+    lines[200] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    head = json.loads(sidecar.read_text())
+    sidecar.write_text(json.dumps(head | {"csv_sha256": hashlib.sha256(table.read_bytes()).hexdigest()}))
+    assert calibration.gate_n_m == pytest.approx(10.0 * calibration.largest_reading_n_m)
+    traces = [wc.Trace.read(path) for path in (GOLDEN / "golden_pin.csv", table)]
+    clean, with_glitch = (wc.evaluate([trace], calibration, ["ukf"])["start_rmse_m"][0] for trace in traces)
+    assert with_glitch == pytest.approx(clean, rel=0.2)
 
 
 def test_val_the_outline_of_a_circle_is_found_and_mapped(whisker, calibration):

@@ -45,7 +45,9 @@ def evaluate(
     if not traces or not chosen:
         raise ValueError(f"evaluate: found {len(traces)} traces and {len(chosen)} estimators, expected at least one of each")
     each_seed = range(1, seeds + 1) if isinstance(seeds, int) else seeds
-    largest_n_m = _largest_readings(traces)
+    if len(each_seed) == 0:
+        raise ValueError("seeds: found none, expected at least one")
+    largest_n_m = _largest_readings(traces, calibrations)
 
     def trial_rows(trace: Trace, seed: int) -> list[tuple[object, ...]]:
         calibration = _calibration(calibrations, trace.whisker.name)
@@ -68,11 +70,15 @@ def evaluate(
     return _table([row for of_trial in rows for row in of_trial])
 
 
-def _largest_readings(traces: list[Trace]) -> dict[tuple[str, str], float]:
+def _largest_readings(
+    traces: list[Trace], calibrations: Calibration | Mapping[str, Calibration]
+) -> dict[tuple[str, str], float]:
     largest_n_m: dict[tuple[str, str], float] = {}
     for trace in traces:
         key = (trace.group, trace.whisker.name)
-        largest_n_m[key] = max(largest_n_m.get(key, 0.0), float(np.abs(trace.recording["moment_z_n_m"]).max()))
+        moments_n_m = np.abs(trace.recording["moment_z_n_m"])
+        admitted_n_m = moments_n_m[moments_n_m <= _calibration(calibrations, trace.whisker.name).gate_n_m]
+        largest_n_m[key] = max(largest_n_m.get(key, 0.0), float(admitted_n_m.max(initial=0.0)))
     return largest_n_m
 
 

@@ -52,10 +52,13 @@ impl Transition {
         let rows: Vec<Vec<f64>> = (0..sojourn_s.len())
             .map(|i| {
                 let stay = (-dt_s / sojourn_s[i]).exp();
-                let others: f64 = weights.iter().sum::<f64>() - weights[i];
-                let to = |(j, weight): (usize, &f64)| {
-                    let is_alone = others <= 0.0;
-                    if i == j { if is_alone { 1.0 } else { stay } } else { (1.0 - stay) * weight / others }
+                // A difference from the total would lose a small weight beside a large one.
+                let others: f64 = weights.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, weight)| weight).sum();
+                let to = |(j, weight): (usize, &f64)| match (i == j, others > 0.0) {
+                    (true, true) => stay,
+                    (true, false) => 1.0,
+                    (false, true) => (1.0 - stay) * weight / others,
+                    (false, false) => 0.0,
                 };
                 weights.iter().enumerate().map(to).collect()
             })

@@ -218,3 +218,16 @@ fn verif_hypotheses_of_a_bank_of_imms_merge_mode_by_mode() {
 fn robust_a_transition_matrix_that_is_not_square_panics() {
     Transition::new(&[&[0.5, 0.5], &[1.0]]);
 }
+
+#[test]
+fn robust_a_small_weight_beside_a_large_one_keeps_probabilities() {
+    let weights = [1e9, 1e-9];
+    let mut modes = Modes::new(weights);
+    modes.predict(&Transition::from_sojourns(4e-3, &[1e3; 2], &weights));
+    assert!(modes.probabilities().iter().all(|probability| probability.is_finite()));
+    assert!((modes.probabilities().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    // With a weight of zero beside it, a mode does not change.
+    let mut alone = Modes::new([1.0, 0.0]);
+    alone.predict(&Transition::from_sojourns(4e-3, &[1e3; 2], &[1.0, 0.0]));
+    assert_eq!(alone.probabilities(), [1.0, 0.0]);
+}

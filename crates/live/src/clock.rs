@@ -57,13 +57,8 @@ impl Clock {
             *self = Self { newest: Some((t_s, now_s)), behind: 0 };
             return if step_s - elapsed_s > jump_s { jumped } else { Order::Next };
         }
-        if step_s < -jump_s {
-            self.behind += 1;
-            if self.behind == MOST_BEHIND {
-                return jumped;
-            }
-        }
-        Order::Behind
+        self.behind = if step_s < -jump_s { self.behind + 1 } else { 0 };
+        if self.behind == MOST_BEHIND { jumped } else { Order::Behind }
     }
 }
 

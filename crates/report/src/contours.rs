@@ -83,7 +83,7 @@ fn sweep_table(data: &RunData, rows: &[&ContourTrialRow]) -> Markup {
         p {
             "Mean and 95 %: distance from the object's own outline, if that could be placed. Radius: of the circle fitted "
             "to the outline, with the 95 % interval that follows from the outline's band; residual: RMS distance of the "
-            "outline from the circle."
+            "outline from the circle. Length: of the touched part of the outline found."
         }
         div.scroll tabindex="0" aria-label="Table: single sweeps" {
             table {
@@ -91,7 +91,7 @@ fn sweep_table(data: &RunData, rows: &[&ContourTrialRow]) -> Markup {
                     tr {
                         th { "trace" }
                         th { "estimator" }
-                        @for heading in ["mean", "95 %", "radius", "from", "to", "residual"] {
+                        @for heading in ["length", "mean", "95 %", "radius", "from", "to", "residual"] {
                             th.number { (heading) br; small { "mm" } }
                         }
                     }
@@ -101,6 +101,7 @@ fn sweep_table(data: &RunData, rows: &[&ContourTrialRow]) -> Markup {
                         tr {
                             td { (row.trace) }
                             td { (label(data, &row.estimator)) }
+                            td.number { (number(row.length_m, 1e3, 1)) }
                             @for length_m in [row.mean_m, row.p95_m] { td.number { (number(length_m, 1e3, 3)) } }
                             @for length_m in [row.radius_m, row.radius_low_m, row.radius_high_m] {
                                 td.number { (number(length_m, 1e3, 2)) }

@@ -256,6 +256,7 @@ fn write_contours(folder: &Path, objects: &[(&str, &str, Option<f64>)]) {
             estimator,
             noise: 0.01,
             seed: 1,
+            length_m: Some(7e-3),
             mean_m,
             radius_m: Some(0.0153),
             radius_low_m: Some(0.0149),

@@ -1,9 +1,8 @@
 //! Contact events of a trial: true and detected touches and lost contacts.
 //!
 //! The true events are those of the simulator's contact without chatter: a whisker bounces when it hits an object and hops
-//! when it slides fast, so gaps shorter than [`CHATTER_S`] are bridged and contacts shorter than that are dropped. A
-//! detected event is matched to the nearest true event within [`WINDOW_S`]; each true event is matched at most once.
-//! Events are detected by the contact detector of the run, which is common to all estimators.
+//! when it slides fast, so gaps shorter than [`CHATTER_S`] are bridged and contacts shorter than that are dropped. Each true
+//! event, in the order of time, is matched to the nearest detection within [`WINDOW_S`] that is not matched yet. Events are detected by the contact detector of the run, which is common to all estimators.
 
 use trace::Trace;
 use whisker::sensor::Face;

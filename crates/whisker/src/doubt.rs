@@ -62,6 +62,12 @@ impl Doubtful {
         self.nis += (per_reading.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
     }
 
+    /// Begins the next touch. What contradicted the models of the last one is no evidence about it. A mean below 1 remains, since
+    /// stated variances that are too large are those of the sensor.
+    pub(crate) fn resume(&mut self) {
+        self.nis = self.nis.min(1.0);
+    }
+
     /// Running mean of the normalised innovations squared per reading, 1 at the start.
     pub(crate) fn mean_nis(&self) -> f64 {
         self.nis

@@ -20,6 +20,7 @@
 //! let seen: Point<World> = base.apply(contact);
 //! ```
 
+use std::f64::consts::TAU;
 use std::marker::PhantomData;
 
 use filters::{congruence, product};
@@ -125,6 +126,12 @@ impl<From, To> Pose<From, To> {
     /// Angle by which `From` is turned in `To`.
     pub fn yaw_rad(&self) -> f64 {
         self.yaw_rad
+    }
+
+    /// The same pose, with its yaw in -pi to pi.
+    pub fn with_wrapped_yaw(self) -> Self {
+        let turns = (self.yaw_rad / TAU).round();
+        Self { yaw_rad: self.yaw_rad - turns * TAU, ..self }
     }
 
     /// The rotation alone.

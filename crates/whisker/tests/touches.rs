@@ -2,8 +2,10 @@
 
 mod world;
 
+use std::f64::consts::TAU;
+
 use serde_json::Value;
-use whisker::estimators::{Estimator, Sample, estimator as row};
+use whisker::estimators::{ESTIMATORS, Estimator, Sample, estimator as row};
 use whisker::frames::{Base, Pose};
 
 use world::{RATE_HZ, base, configured, contact, estimator, knowledge, samples};
@@ -65,4 +67,45 @@ fn robust_a_touch_of_another_object_is_recognised() {
         let errors_m = errors_after_lift_off_m(&mut estimator, 12e-3);
         assert!(errors_m[errors_m.len() - 1] < 0.5e-3, "{name}: {:?}", errors_m.last());
     }
+}
+
+/// Poses from a robot may jump by a turn of the yaw while the whisker touches.
+#[test]
+fn robust_a_wrapped_yaw_does_not_change_the_estimates() {
+    let knowledge = knowledge(NOISE_N_M);
+    let recording: Vec<Sample> = samples(&knowledge, 2.0, |_| true).into_iter().map(|(_, sample)| sample).collect();
+    let wrapped: Vec<Sample> = (recording.iter().enumerate())
+        .map(|(i, sample)| {
+            let turn_rad = if i == recording.len() / 2 { TAU } else { 0.0 };
+            let (to, yaw_rad) = (sample.motion.origin(), sample.motion.yaw_rad() + turn_rad);
+            Sample { motion: Pose::new(to.x(), to.y(), yaw_rad), ..*sample }
+        })
+        .collect();
+    for row in ESTIMATORS {
+        let [kept, jumped] = [&recording, &wrapped].map(|samples| estimator(row, &knowledge, 1).run(samples));
+        let differ = kept.iter().zip(&jumped).filter(|pair| match pair {
+            (Some(one), Some(other)) => one.contact.distance(&other.contact) > 1e-8,
+            (one, other) => one.is_some() != other.is_some(),
+        });
+        assert_eq!(differ.count(), 0, "{}", row.name);
+    }
+}
+
+/// Readings that jump just before the release contradict the models of that touch.
+#[test]
+fn robust_doubt_of_one_touch_is_none_of_the_next() {
+    let mut estimator = estimator(row("recommended").unwrap(), &knowledge(NOISE_N_M), 1);
+    let mut doubted = [false; 2];
+    for (t_s, mut sample) in samples(&knowledge(NOISE_N_M), 4.0, |_| true) {
+        if (LIFTED_S.start - 0.3..LIFTED_S.start).contains(&t_s) {
+            sample.reading_n_m *= 2.0;
+        }
+        if LIFTED_S.contains(&t_s) {
+            sample.reading_n_m = 0.0;
+        }
+        let found = estimator.step(&sample);
+        let is_next = usize::from(t_s >= LIFTED_S.end);
+        doubted[is_next] |= found.is_some_and(|found| found.model_doubtful);
+    }
+    assert_eq!(doubted, [true, false]);
 }

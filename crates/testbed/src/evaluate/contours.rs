@@ -14,6 +14,7 @@ pub(super) fn trial_row(sidecar: &Sidecar, contour: Option<&Contour>, compared: 
         group: sidecar.group.clone(),
         whisker: sidecar.whisker.name.clone(),
         object: sidecar.object.clone(),
+        length_m: Some(contour.map_or(0.0, Contour::touched_length_m)),
         mean_m: compared.map(|compared| compared.mean_m),
         p95_m: compared.map(|compared| compared.p95_m),
         hausdorff_m: compared.and_then(|compared| compared.hausdorff_m),

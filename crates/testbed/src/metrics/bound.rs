@@ -48,8 +48,9 @@ pub const RATIO: Metric = Metric {
     // at the bound.
     summary: Summary::RootMeanSquare,
     measure: |scored| {
-        let errors_m: Vec<f64> = settled(scored)?.iter().filter_map(|(contact, _)| contact.error_m).collect();
-        Some(rms(&errors_m).filter(|_| !scored.is_silent())? / bound_rmse_m(scored)?)
+        let stated = settled(scored)?.into_iter().filter_map(|(contact, bound)| Some((contact.error_m?, bound.sd_m)));
+        let (errors_m, bounds_m): (Vec<f64>, Vec<f64>) = stated.unzip();
+        Some(rms(&errors_m).filter(|_| !scored.is_silent())? / rms(&bounds_m)?)
     },
 };
 

@@ -193,7 +193,7 @@ impl<'a> FaceTable<'a> {
             for away_m in evenly(lower_m, upper_m, NODES[1]) {
                 let contact = face.contact_at(AlongAway::new(arc_m, away_m));
                 let expected = face.model.predict(contact);
-                let here = plain_estimate(contact, face.face);
+                let here = Estimate::at(contact, face.face);
                 table.arc_m.push(arc_m);
                 table.away_m.push(away_m);
                 table.x_m.push(contact.x());
@@ -213,23 +213,6 @@ impl<'a> FaceTable<'a> {
 /// Equally spaced values from `from` to `to`, including both.
 pub(super) fn evenly(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| from + (to - from) * i as f64 / (count - 1) as f64)
-}
-
-/// Estimate that states a position only.
-fn plain_estimate(contact: Point<Base>, face: Face) -> Estimate {
-    Estimate {
-        contact,
-        face,
-        covariance_m2: None,
-        calibrated: true,
-        at_tip: false,
-        innovation: None,
-        radius: None,
-        friction: None,
-        models: None,
-        model_doubtful: false,
-        second_contact: false,
-    }
 }
 
 /// Any later line: the sample at one instant.
@@ -420,7 +403,7 @@ impl AnswerLine {
             covariance_m2: self.covariance_m2()?,
             innovation: self.innovation()?,
             calibrated,
-            ..plain_estimate(contact, face)
+            ..Estimate::at(contact, face)
         };
         Ok(Some(Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
     }

@@ -71,6 +71,8 @@ pub struct ContourTrialRow {
     pub seed: u64,
     /// Root mean square contact error after the first second of contact.
     pub contact_rmse_m: Option<f64>,
+    /// Length of the touched part of the outline found. Runs of earlier versions have none.
+    pub length_m: Option<f64>,
     /// Mean distance of the outline from the true one.
     pub mean_m: Option<f64>,
     /// 95th percentile of that distance.

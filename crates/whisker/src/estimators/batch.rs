@@ -57,7 +57,9 @@ struct Batch {
 }
 
 pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
-    Ok(Box::new(Batch { config: parse(config)?, knowledge: knowledge.clone() }))
+    let config: Config = parse(config)?;
+    smoother::check_used(&config.guess)?;
+    Ok(Box::new(Batch { config, knowledge: knowledge.clone() }))
 }
 
 impl Method for Batch {

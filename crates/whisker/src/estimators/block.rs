@@ -115,6 +115,11 @@ impl Blocks {
         if goes_on { None } else { self.end() }
     }
 
+    /// Time since the mean of the last block. Without blocks it is zero.
+    pub(super) fn pending_s(&self) -> f64 {
+        self.now_s - self.last.1
+    }
+
     /// Ends the present block. `None` if it has no samples.
     pub(super) fn end(&mut self) -> Option<BlockMean> {
         if self.count == 0.0 {

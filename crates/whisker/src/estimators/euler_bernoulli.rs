@@ -59,6 +59,9 @@ impl Settings for Config {
     }
 }
 
+/// Number of samples of an onset at which every second one is dropped.
+const MOST_ONSET: usize = 1 << 12;
+
 /// Source of moment and slope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
@@ -91,7 +94,7 @@ impl Method for EulerBernoulli {
             source: self.source,
             knowledge: self.knowledge.clone(),
             face: touch.face.clone(),
-            state: State::Onset { since_touch: Pose::new(0.0, 0.0, 0.0), history: Vec::new() },
+            state: State::Onset { since_touch: Pose::new(0.0, 0.0, 0.0), history: Vec::with_capacity(MOST_ONSET) },
         })
     }
 
@@ -243,6 +246,14 @@ impl Tracker for Baseline {
                 }
                 let motion = *since_touch;
                 history.push((motion, sample.reading_n_m));
+                if history.len() == MOST_ONSET {
+                    // The last sample is kept.
+                    let mut is_kept = true;
+                    history.retain(|_| {
+                        is_kept = !is_kept;
+                        is_kept
+                    });
+                }
                 let (low, high) = self.face.domain.arc_range_m();
                 let middle = 0.5 * (low + high);
                 let pushed_m = self.face.along_and_away(motion.apply(self.knowledge.rest.point(middle))).away_m;
@@ -269,18 +280,7 @@ impl Tracker for Baseline {
         // The contact cannot leave the whisker; a slip that would is noise.
         let contact = self.face.nearest_calibrated(contact);
         self.state = State::Following { contact };
-        Some(Estimate {
-            contact,
-            face: self.face.face,
-            covariance_m2: None,
-            calibrated: self.face.predict(contact).is_some(),
-            at_tip: false,
-            innovation: None,
-            radius: None,
-            friction: None,
-            models: None,
-            model_doubtful: false,
-            second_contact: false,
-        })
+        let calibrated = self.face.predict(contact).is_some();
+        Some(Estimate { calibrated, ..Estimate::at(contact, self.face.face) })
     }
 }

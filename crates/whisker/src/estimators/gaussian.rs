@@ -204,7 +204,7 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     bank: Option<Bank<N>>,
     /// Pose of the base at the last sample.
     base: Pose<Base, FirstBase>,
-    /// Time of the last sample. Of a gap between touches only the part in the history counts.
+    /// Time of the last sample.
     time_s: f64,
     /// Banks stored during the touch, the newer one first. A new touch of the same object begins with the older one, because
     /// readings between a release and its detection contradict the belief.
@@ -378,6 +378,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
             self.history.clear();
+            self.contact_prior = None;
             let belief = bank.moments()?;
             if let Some(most) = bank.most_probable().filter(|_| self.config.systematic.is_on()) {
                 self.systematic.begin(&most.belief, &ContactReading::new(&self.side, Model::INDICES));
@@ -670,7 +671,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         }
         self.bank = None;
         self.recent = None;
-        let gap_s = touch.history.iter().map(|sample| sample.dt_s).sum();
+        let gap_s = touch.free_s;
         self.carry_left(&Sample { motion: self.base.then(&touch.before.inverse()), dt_s: gap_s, reading_n_m: 0.0 });
         self.left.iter_mut().for_each(|left| left.odds = 0.0);
         self.time_s += gap_s;
@@ -712,6 +713,7 @@ mod tests {
         let touch = Touch {
             face: &knowledge.faces[0],
             history: &[],
+            free_s: 0.0,
             before: Pose::new(0.0, 0.0, 0.0),
             contact_prior: None,
             seed: 0,
@@ -768,7 +770,7 @@ mod tests {
     #[test]
     fn verif_past_the_tip_there_is_no_estimate_until_the_next_touch() {
         let knowledge = knowledge();
-        let touch = |before| Touch { face: &knowledge.faces[0], history: &[], before, contact_prior: None, seed: 0 };
+        let touch = |before| Touch { face: &knowledge.faces[0], history: &[], free_s: 0.0, before, contact_prior: None, seed: 0 };
         let first = touch(Pose::new(0.0, 0.0, 0.0));
         let motion = Round::of_any_scale().beyond_pin(first.face);
         let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);

@@ -248,6 +248,7 @@ impl Tracker for Follower {
                 let bank = self.begin(sample);
                 // If all hypotheses are lost later on, these samples are too old for a new start.
                 self.history.clear();
+                self.contact_prior = None;
                 (bank, None)
             }
         };

@@ -58,9 +58,9 @@ use crate::{ReadingGate, RestShape, Whisker};
 pub struct Sample {
     /// Pose of the base's frame at the last instant in its present frame.
     pub motion: Pose<Base, Base>,
-    /// Time since the last instant.
+    /// Time since the last instant (s): positive, or 0 at the first sample. Filters with friction take a later 0 as a step back.
     pub dt_s: f64,
-    /// Present reading of the sensor.
+    /// Present reading of the sensor: bending moment about z at the root (N m). Beyond the [`ReadingGate`] it counts as missing.
     pub reading_n_m: f64,
 }
 
@@ -92,6 +92,25 @@ pub struct Estimate {
     /// Whether the readings show that a second contact has taken load within the last instants. Always `false` for methods that
     /// average no models.
     pub second_contact: bool,
+}
+
+impl Estimate {
+    /// An estimate that states a contact on a face and nothing else, outside the calibrated domain.
+    pub fn at(contact: Point<Base>, face: Face) -> Self {
+        Self {
+            contact,
+            face,
+            covariance_m2: None,
+            calibrated: false,
+            at_tip: false,
+            innovation: None,
+            radius: None,
+            friction: None,
+            models: None,
+            model_doubtful: false,
+            second_contact: false,
+        }
+    }
 }
 
 /// Estimated radius of an object, without the wire's.
@@ -321,6 +340,8 @@ pub struct Touch<'a> {
     /// Samples before that of the touch, in the order of time: the whisker was free, or its contact was not detected
     /// yet.
     pub history: &'a [Sample],
+    /// Time since the last sample of the touch before, or since the start (s). Samples older than the history count.
+    pub free_s: f64,
     /// Pose of the base at the last sample before that of the touch.
     pub before: Pose<Base, Start>,
     /// Prior of this contact.
@@ -361,6 +382,8 @@ pub struct Runner {
     released: Option<Box<dyn Tracker>>,
     /// The last samples of the free whisker.
     history: VecDeque<Sample>,
+    /// Time since the last touch.
+    free_s: f64,
     /// Present pose of the base.
     base: Pose<Base, Start>,
     seed: u64,
@@ -381,6 +404,7 @@ impl Runner {
             tracker: None,
             released: None,
             history: VecDeque::with_capacity(HISTORY),
+            free_s: 0.0,
             base: Pose::new(0.0, 0.0, 0.0),
             seed,
             touches: 0,
@@ -457,13 +481,13 @@ impl Runner {
         }
     }
 
-    /// An admitted sample with the motion and duration of the gated ones before it.
+    /// An admitted sample with the motion and duration of the gated ones before it. It turns by the shorter way, since measured yaws
+    /// may be wrapped.
     fn with_missed(&mut self, sample: &Sample) -> Sample {
-        self.missed.take().map_or(*sample, |(motion, duration_s)| Sample {
-            motion: motion.then(&sample.motion),
-            dt_s: duration_s + sample.dt_s,
-            ..*sample
-        })
+        let (motion, dt_s) = self.missed.take().map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
+            (motion.then(&sample.motion), duration_s + sample.dt_s)
+        });
+        Sample { motion: motion.with_wrapped_yaw(), dt_s, ..*sample }
     }
 
     /// Ends the present touch, if there is one.
@@ -479,6 +503,7 @@ impl Runner {
             self.history.pop_front();
         }
         self.history.push_back(*sample);
+        self.free_s += sample.dt_s;
         self.base = sample.motion.inverse().then(&self.base);
     }
 
@@ -487,10 +512,16 @@ impl Runner {
         let before = self.base;
         self.base = sample.motion.inverse().then(&before);
         if self.tracker.is_none() {
-            let face = self.knowledge.face(face)?;
+            let Some(face) = self.knowledge.face(face) else {
+                // The motions of the history no longer lead to the next touch.
+                self.history.clear();
+                self.free_s += sample.dt_s;
+                return None;
+            };
             let contact_prior = self.knowledge.contact_prior.filter(|_| self.touches == 0);
             let seed = self.seed.wrapping_add(self.touches);
-            let touch = Touch { face, history: self.history.make_contiguous(), before, contact_prior, seed };
+            let free_s = std::mem::take(&mut self.free_s);
+            let touch = Touch { face, history: self.history.make_contiguous(), free_s, before, contact_prior, seed };
             let resumed = self.released.take().and_then(|mut last| last.resume(&touch).then_some(last));
             self.tracker = Some(resumed.unwrap_or_else(|| self.method.begin(&touch)));
             self.history.clear();
@@ -522,7 +553,7 @@ impl Runner {
         self.release();
         let Some(revised) = revised else { return };
         let first = estimates.len() - self.touch_samples;
-        let admitted = (0..self.touch_samples).filter(|place| !self.gated_in_touch.contains(place));
+        let admitted = (0..self.touch_samples).filter(|place| self.gated_in_touch.binary_search(place).is_err());
         for (place, revised) in admitted.zip(revised) {
             let estimate = &mut estimates[first + place];
             *estimate = revised;
@@ -828,6 +859,8 @@ fn to_json(config: &impl Serialize) -> Value {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Mutex;
+
     use nalgebra::Matrix2;
 
     use super::*;
@@ -871,5 +904,42 @@ mod tests {
         };
         assert_eq!(stated(0.45 * length_m), [true, true, true, false, false]);
         assert_eq!(stated(f64::NAN), [false; 5]);
+    }
+
+    /// A method that records the time before each touch, and keeps its tracker.
+    struct Waiting(Arc<Mutex<Vec<f64>>>);
+
+    impl Method for Waiting {
+        fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+            self.0.lock().unwrap().push(touch.free_s);
+            Box::new(Waits(self.0.clone()))
+        }
+    }
+
+    struct Waits(Arc<Mutex<Vec<f64>>>);
+
+    impl Tracker for Waits {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn resume(&mut self, touch: &Touch<'_>) -> bool {
+            self.0.lock().unwrap().push(touch.free_s);
+            true
+        }
+    }
+
+    #[test]
+    fn verif_the_time_before_a_touch_is_that_of_all_samples() {
+        let knowledge = Arc::new(testing::knowledge());
+        let waited_s = Arc::new(Mutex::new(Vec::new()));
+        let mut runner = Runner::new(Box::new(Waiting(waited_s.clone())), knowledge, 1);
+        let sample = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.25, reading_n_m: 1e-5 };
+        // More than the history holds.
+        for free in [10, 20 * HISTORY] {
+            (0..free).for_each(|_| assert!(runner.step(&sample, None).is_none()));
+            (0..3).for_each(|_| assert!(runner.step(&sample, Some(Face::Left)).is_none()));
+        }
+        assert_eq!(*waited_s.lock().unwrap(), [2.5, 5.0 * HISTORY as f64]);
     }
 }

@@ -248,20 +248,11 @@ impl Side {
         covariance_m2: Matrix2<f64>,
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
-        let covariance_m2 = Some(covariance_m2);
-        let face = self.face.face;
         Estimate {
-            contact,
-            face,
-            covariance_m2,
+            covariance_m2: Some(covariance_m2),
             calibrated,
-            at_tip: false,
             innovation,
-            radius: None,
-            friction: None,
-            models: None,
-            model_doubtful: false,
-            second_contact: false,
+            ..Estimate::at(contact, self.face.face)
         }
     }
 }

@@ -12,7 +12,7 @@ use super::gaussian::{self, Follower};
 use super::iterated::Iterated;
 use super::motion::{AnyMotion, Motion};
 use super::{Estimate, Knowledge, Method, Sample, Touch, Tracker};
-use crate::settings::{SettingsError, parse};
+use crate::settings::{SettingsError, parse, within};
 
 /// Settings: those of the filter.
 pub(super) type Config = gaussian::Config<Iterated>;
@@ -23,7 +23,18 @@ struct Smoother {
 }
 
 pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
-    Ok(Box::new(Smoother { config: parse(config)?, knowledge: knowledge.clone() }))
+    let config = parse(config)?;
+    check_used(&config)?;
+    Ok(Box::new(Smoother { config, knowledge: knowledge.clone() }))
+}
+
+/// Refuses settings of the filter that have no effect here: each touch begins anew, and no systematic errors are stated.
+pub(super) fn check_used(config: &Config) -> Result<(), SettingsError> {
+    within("kept_share", config.kept_share, 0.0..=0.0)?;
+    within("return_rate", config.return_rate, 0.0..=0.0)?;
+    within("systematic.offset", config.systematic.offset, 0.0..=0.0)?;
+    within("systematic.drift_per_s", config.systematic.drift_per_s, 0.0..=0.0)?;
+    within("systematic.latency_s", config.systematic.latency_s, 0.0..=0.0)
 }
 
 impl Method for Smoother {

@@ -66,7 +66,7 @@ impl Default for SystematicSettings {
 pub(super) struct Systematic<const N: usize> {
     /// Derivatives of the error of the mean by the errors.
     by_error: SMatrix<f64, N, ERRORS>,
-    /// Time since the tracker began; of the time between touches at most that of the kept history counts.
+    /// Time since the tracker began.
     time_s: f64,
     /// Largest calibrated reading.
     unit_n_m: f64,

@@ -149,7 +149,11 @@ impl Folds {
 
 fn folds(traces: &[Vec<Sample>]) -> Folds {
     match traces {
-        [only] => Folds { count: BLOCKS, block: Some(only.len().div_ceil(BLOCKS).max(1)) },
+        [only] => {
+            let length = only.len().div_ceil(BLOCKS).max(1);
+            // A short line fills fewer blocks.
+            Folds { count: only.len().div_ceil(length), block: Some(length) }
+        }
         _ => Folds { count: traces.len(), block: None },
     }
 }

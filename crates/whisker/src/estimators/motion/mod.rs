@@ -1,4 +1,5 @@
-//! Models of the contact's motion while the base moves: one file and one row of [`MotionSettings`] per model.
+//! Models of the contact's motion while the base moves, one file per model. The filters of `gaussian.rs` and `particle.rs` choose
+//! between the rows of [`MotionSettings`]; `rubbing`, `drifting` and `installed` are methods of their own.
 //!
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
@@ -55,7 +56,7 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Self::Step<'a>;
 }
 
-/// The registry of motion models, with their settings.
+/// Motion models for any filter, with their settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum MotionSettings {

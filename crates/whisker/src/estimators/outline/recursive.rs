@@ -208,7 +208,6 @@ impl Tracer {
 
     /// Takes a sample of the known object.
     fn go_on(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
-        self.inertia.advance(sample);
         let side = &self.front.side;
         let object = self.object.as_mut()?;
         let expected = object.expect(side, &self.base, sample.reading_n_m, count);
@@ -250,7 +249,7 @@ impl Tracer {
     /// Discards the known object, which the readings refute.
     fn give_up(&mut self) {
         let face = self.front.side.face.clone();
-        let touch = Touch { face: &face, history: &[], before: self.base, contact_prior: None, seed: 0 };
+        let touch = Touch { face: &face, history: &[], free_s: 0.0, before: self.base, contact_prior: None, seed: 0 };
         self.front = front(&touch, &self.knowledge);
         self.is_refuted = true;
         self.object = None;
@@ -291,6 +290,7 @@ impl Tracker for Tracer {
 
     fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
+        self.inertia.advance(sample);
         self.work();
         self.at_onset = None;
         match self.onset.take() {
@@ -308,6 +308,7 @@ impl Tracker for Tracer {
         self.base = touch.before;
         self.front = front(touch, &self.knowledge);
         self.onset = Some(Onset::default());
+        self.doubt = Doubt::default();
         self.inertia = Inertia::new(&self.front.side.whisker);
         true
     }
