@@ -57,7 +57,8 @@ mod tests {
             covariance_m2: None,
             touched,
         };
-        let vertices = vec![vertex(0.0, true), vertex(1e-3, true), vertex(3e-3, false), vertex(7e-3, true), vertex(9e-3, true)];
+        let vertices =
+            vec![vertex(0.0, true), vertex(1e-3, true), vertex(3e-3, false), vertex(7e-3, true), vertex(9e-3, true)];
         assert!((Contour { vertices }.touched_length_m() - 3e-3).abs() < 1e-15);
         assert_eq!(Contour::default().touched_length_m(), 0.0);
     }

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, product, robust};
-use nalgebra::{Matrix2, SMatrix, Vector1};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector1};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -400,16 +400,22 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let error_sd_n_m = self.error_sd_n_m(AlongAway::of_state(&predicted.mean), inertia_n_m);
         let reading = ContactReading::new(&self.side, Model::INDICES).with_error(error_sd_n_m).of_mean(count);
         let corrected = Sample { reading_n_m: sample.reading_n_m - inertia_n_m, ..*sample };
-        if let Some(transition) = transition {
+        let followed = transition.map(|transition| {
             let (z_n_m, gate_sds) = (corrected.reading_n_m, self.config.gate_sds);
-            self.systematic.advance(sample.dt_s, &transition, &leading, &reading, z_n_m, gate_sds);
-        }
+            self.systematic.advance(sample.dt_s, &transition, &leading, &reading, z_n_m, gate_sds)
+        });
         let innovation = self.condition(&mut bank, &reading, corrected.reading_n_m).ok();
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
             self.go_back(&mut bank, &corrected, error_sd_n_m, count, innovation);
             self.search(&mut bank, sample, innovation);
+        }
+        // The sensitivities are those of one hypothesis; those of another begin as at a touch.
+        if let (Some(followed), Some(most)) = (followed, bank.most_probable())
+            && !is_same_place(&followed, &most.belief.mean)
+        {
+            self.systematic.begin(&most.belief, &ContactReading::new(&self.side, Model::INDICES));
         }
         let filtered = bank.moments_above(self.config.ignored_share)?;
         self.bank = Some(bank);
@@ -478,7 +484,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         if self.config.filter.predict(&mut belief, &process).is_err() {
             return;
         }
-        self.left.retain(|left| !is_same_place(&left.belief, &belief));
+        self.left.retain(|left| !is_same_place(&left.belief.mean, &belief.mean));
         if self.left.len() == MOST_LEFT {
             self.left.remove(0);
         }
@@ -519,7 +525,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             let mut there = *belief;
             let update = self.config.filter.update(&mut there, &reading, &z);
             self.side.hold(&mut there.mean);
-            let Some(found) = update.ok().filter(|_| there.is_finite() && !is_same_place(belief, &most)) else {
+            let Some(found) = update.ok().filter(|_| there.is_finite() && !is_same_place(&belief.mean, &most.mean))
+            else {
                 *odds = 0.0;
                 continue;
             };
@@ -590,9 +597,9 @@ const SAME_PLACE_M: f64 = 1e-3;
 /// Probability of a place when the odds of a return to it are even.
 const RETURN_SHARE: f64 = 0.5;
 
-/// Whether two beliefs are of the same place.
-fn is_same_place<const N: usize>(one: &Gaussian<N>, other: &Gaussian<N>) -> bool {
-    AlongAway::of_state(&one.mean).vector().metric_distance(&AlongAway::of_state(&other.mean).vector()) < SAME_PLACE_M
+/// Whether two states have their contacts at the same place.
+fn is_same_place<const N: usize>(one: &SVector<f64, N>, other: &SVector<f64, N>) -> bool {
+    AlongAway::of_state(one).vector().metric_distance(&AlongAway::of_state(other).vector()) < SAME_PLACE_M
 }
 
 /// Relative standard deviation of the moment by the wire's inertia.
@@ -770,7 +777,14 @@ mod tests {
     #[test]
     fn verif_past_the_tip_there_is_no_estimate_until_the_next_touch() {
         let knowledge = knowledge();
-        let touch = |before| Touch { face: &knowledge.faces[0], history: &[], free_s: 0.0, before, contact_prior: None, seed: 0 };
+        let touch = |before| Touch {
+            face: &knowledge.faces[0],
+            history: &[],
+            free_s: 0.0,
+            before,
+            contact_prior: None,
+            seed: 0,
+        };
         let first = touch(Pose::new(0.0, 0.0, 0.0));
         let motion = Round::of_any_scale().beyond_pin(first.face);
         let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);

@@ -386,10 +386,11 @@ impl AveragingTracker {
         let noise_n2_m2 = self.noise_n2_m2 / count;
         let share = noise_n2_m2 / (noise_n2_m2 + self.face.model_variance_n2_m2(contact));
         let mean = self.mean_evidence(evidence);
-        let discount = |(log, tracker): (&Option<f64>, &Box<dyn Tracker>)| {
-            log.map(|log| if tracker.assumes_motion() { mean + share * (log - mean) } else { log })
-        };
-        evidence.iter().zip(&self.trackers).map(discount).collect()
+        let discounted = evidence.iter().zip(&self.trackers).map(|(log, tracker)| {
+            let log = (*log)?;
+            Some(if tracker.assumes_motion() { mean + share * (log - mean) } else { log })
+        });
+        discounted.collect()
     }
 
     /// Whether readings can tell a moving object from one at rest: whether the more probable candidates at rest have their contacts
@@ -498,7 +499,8 @@ impl AveragingTracker {
             let FrictionCoefficient { coefficient, sd } = part.estimate.friction?;
             Some((Gaussian::new(Vector1::new(coefficient), Matrix1::new(sd * sd)), lead))
         };
-        let places: Option<Vec<_>> = parts.iter().zip(&spreads).filter(|(_, spread)| **spread > 0.0).map(place).collect();
+        let places: Option<Vec<_>> =
+            parts.iter().zip(&spreads).filter(|(_, spread)| **spread > 0.0).map(place).collect();
         // The candidate for thin objects states no radius. If others state one, the radius is the mean over those that do.
         let size = Gaussian::of_mixture(moving().filter_map(size));
         // Likewise, the candidates without friction state no coefficient.
@@ -546,7 +548,14 @@ impl AveragingTracker {
     /// Begins a new touch at the present sample: the contact may be the last one or another, anywhere along the whisker.
     fn begin_again(&mut self) {
         let face = self.face.clone();
-        self.begin_again_with(&Touch { face: &face, history: &[], free_s: 0.0, before: self.base, contact_prior: None, seed: 0 });
+        self.begin_again_with(&Touch {
+            face: &face,
+            history: &[],
+            free_s: 0.0,
+            before: self.base,
+            contact_prior: None,
+            seed: 0,
+        });
         self.blocks.alert(&self.config.block);
     }
 

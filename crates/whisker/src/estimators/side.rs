@@ -248,12 +248,7 @@ impl Side {
         covariance_m2: Matrix2<f64>,
         innovation: Option<Innovation<1>>,
     ) -> Estimate {
-        Estimate {
-            covariance_m2: Some(covariance_m2),
-            calibrated,
-            innovation,
-            ..Estimate::at(contact, self.face.face)
-        }
+        Estimate { covariance_m2: Some(covariance_m2), calibrated, innovation, ..Estimate::at(contact, self.face.face) }
     }
 }
 

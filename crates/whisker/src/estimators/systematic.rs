@@ -10,11 +10,11 @@
 //! where `g` is the derivative of the reading by `b` (Schmidt, "Application of state-space methods to navigation problems",
 //! Advances in Control Systems 3, 1966; Jazwinski, *Stochastic Processes and Filtering Theory*, 1970, section 8.4). The
 //! errors add `s s' sd^2` to the stated covariance, with their prior standard deviations `sd`. Mean, gain and evidence remain those
-//! of the filter without errors. After a search for the contact the sensitivities are those of the former hypothesis until readings
-//! have replaced them.
+//! of the filter without errors. Of several hypotheses, the sensitivities are those of the most probable one; when another takes the
+//! lead, they begin as at a touch.
 
 use filters::{Gaussian, Measurement};
-use nalgebra::{Matrix1x3, Matrix2, SMatrix, Vector3};
+use nalgebra::{Matrix1x3, Matrix2, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::settings::{SettingsError, within};
@@ -102,7 +102,7 @@ impl<const N: usize> Systematic<N> {
     }
 
     /// Takes a step of the filter of `dt_s` with the Jacobian `transition` of its process, after which the belief before the reading
-    /// is `predicted`. A residual beyond the gate has the weight of one at the gate.
+    /// is `predicted`. A residual beyond the gate has the weight of one at the gate. Returns the mean after the reading.
     pub(super) fn advance(
         &mut self,
         dt_s: f64,
@@ -111,10 +111,12 @@ impl<const N: usize> Systematic<N> {
         measurement: &impl Measurement<N, 1>,
         reading_n_m: f64,
         gate_sds: f64,
-    ) {
+    ) -> SVector<f64, N> {
         self.time_s += dt_s;
         self.by_error = transition * self.by_error;
-        let Some((expected, h, noise)) = measurement.linearised_with_noise(&predicted.mean) else { return };
+        let Some((expected, h, noise)) = measurement.linearised_with_noise(&predicted.mean) else {
+            return predicted.mean;
+        };
         let last_n_m = self.last_n_m.replace(expected.x).filter(|_| dt_s > 0.0);
         let by_reading = self.by_reading(last_n_m.map_or(0.0, |last_n_m| (expected.x - last_n_m) / dt_s));
         let cross = predicted.covariance * h.transpose();
@@ -123,6 +125,7 @@ impl<const N: usize> Systematic<N> {
         if self.by_error.iter().any(|value| !value.is_finite()) {
             self.by_error = SMatrix::zeros();
         }
+        predicted.mean + cross * ((reading_n_m - expected.x) / variance)
     }
 
     /// Second moments of the errors of the first two entries of the state, the contact's coordinates (m2).
