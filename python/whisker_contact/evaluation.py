@@ -70,9 +70,7 @@ def evaluate(
     return _table([row for of_trial in rows for row in of_trial])
 
 
-def _largest_readings(
-    traces: list[Trace], calibrations: Calibration | Mapping[str, Calibration]
-) -> dict[tuple[str, str], float]:
+def _largest_readings(traces: list[Trace], calibrations: Calibration | Mapping[str, Calibration]) -> dict[tuple[str, str], float]:
     largest_n_m: dict[tuple[str, str], float] = {}
     for trace in traces:
         key = (trace.group, trace.whisker.name)
