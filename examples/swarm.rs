@@ -121,18 +121,9 @@ impl Tracker for Swarm {
             weighed().map(|(contact, weight)| (contact - mean) * (contact - mean).transpose() * weight).sum();
         let contact = Point::from_vector(mean);
         Some(Estimate {
-            contact,
-            face: self.face.face,
             covariance_m2: Some(spread + cell),
             calibrated: self.face.predict(contact).is_some(),
-            // Set by the estimator that runs this tracker.
-            at_tip: false,
-            innovation: None,
-            radius: None,
-            friction: None,
-            models: None,
-            model_doubtful: false,
-            second_contact: false,
+            ..Estimate::at(contact, self.face.face)
         })
     }
 }

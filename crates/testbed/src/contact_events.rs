@@ -2,7 +2,8 @@
 //!
 //! The true events are those of the simulator's contact without chatter: a whisker bounces when it hits an object and hops
 //! when it slides fast, so gaps shorter than [`CHATTER_S`] are bridged and contacts shorter than that are dropped. Each true
-//! event, in the order of time, is matched to the nearest detection within [`WINDOW_S`] that is not matched yet. Events are detected by the contact detector of the run, which is common to all estimators.
+//! event, in the order of time, is matched to the nearest detection within [`WINDOW_S`] that is not matched yet. Events are
+//! detected by the contact detector of the run, which is common to all estimators.
 
 use trace::Trace;
 use whisker::sensor::Face;

@@ -678,11 +678,11 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         }
         self.bank = None;
         self.recent = None;
-        let gap_s = touch.free_s;
-        self.carry_left(&Sample { motion: self.base.then(&touch.before.inverse()), dt_s: gap_s, reading_n_m: 0.0 });
+        let motion = self.base.then(&touch.before.inverse());
+        self.carry_left(&Sample { motion, dt_s: touch.free_s, reading_n_m: 0.0 });
         self.left.iter_mut().for_each(|left| left.odds = 0.0);
-        self.time_s += gap_s;
-        self.systematic.wait(gap_s);
+        self.time_s += touch.free_s;
+        self.systematic.wait(touch.free_s);
         self.base = touch.before;
         self.history = touch.history.to_vec();
         self.contact_prior = touch.contact_prior;

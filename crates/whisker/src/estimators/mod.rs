@@ -340,7 +340,7 @@ pub struct Touch<'a> {
     /// Samples before that of the touch, in the order of time: the whisker was free, or its contact was not detected
     /// yet.
     pub history: &'a [Sample],
-    /// Time since the last sample of the touch before, or since the start (s). Samples older than the history count.
+    /// Time since the last sample of the touch before, or since the start (s), also of samples that the history no longer holds.
     pub free_s: f64,
     /// Pose of the base at the last sample before that of the touch.
     pub before: Pose<Base, Start>,
