@@ -210,6 +210,11 @@ impl Elastica {
         })
     }
 
+    /// Length of the whisker.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
     /// The equilibrium under `load`.
     ///
     /// # Errors

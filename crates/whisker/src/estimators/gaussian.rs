@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, product, robust};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector1};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector1, Vector2};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -16,7 +16,7 @@ use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::systematic::{Systematic, SystematicSettings};
 use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
-use crate::frames::{Base, Pose, Start as FirstBase};
+use crate::frames::{Base, Point, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
 
@@ -89,7 +89,8 @@ pub(super) struct Config<Filter> {
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
     /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
-    /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: places are not remembered.
+    /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: places are not remembered, and
+    /// [`Tracker::expect_return`] has no effect.
     pub return_rate: f64,
     /// Systematic errors of readings and poses for [`Tracker::systematic_m2`]; the filter itself has none.
     pub systematic: SystematicSettings,
@@ -214,6 +215,8 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     left: Vec<Left<N>>,
     /// Whether the contact may jump from one place of the object to another.
     jumps: bool,
+    /// Place to which the contact may have returned at the last sample.
+    returned: Option<Point<Base>>,
     doubt: Doubt,
     inertia: Inertia,
     systematic: Systematic<N>,
@@ -245,6 +248,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             settled: None,
             left: Vec::with_capacity(MOST_LEFT),
             jumps: false,
+            returned: None,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             systematic: Systematic::new(touch.face.largest_reading_n_m),
@@ -374,6 +378,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.base = sample.motion.inverse().then(&self.base);
         self.time_s += sample.dt_s;
         self.carry_left(sample);
+        let returned = self.returned.take().map(|place| sample.motion.apply(place));
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
@@ -408,6 +413,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
+            self.return_to(returned, &mut bank, &corrected, &reading);
             self.go_back(&mut bank, &corrected, error_sd_n_m, count, innovation);
             self.search(&mut bank, sample, innovation);
         }
@@ -498,6 +504,20 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
         let (process, filter) = (self.motion.step(&self.side, sample), &self.config.filter);
         self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
+    }
+
+    /// Adds a hypothesis at the place to which the contact may have returned, conditioned on the sample's reading.
+    fn return_to(&self, place: Option<Point<Base>>, bank: &mut Bank<N>, sample: &Sample, reading: &ContactReading<'_>) {
+        let Some(place) = place else { return };
+        let mean = self.side.face.along_and_away(place).vector();
+        let variances_m2 = Vector2::new(RETURNED_ALONG_SD_M, RETURNED_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
+        let place = Gaussian { mean, covariance: Matrix2::from_diagonal(&variances_m2) };
+        let mut there = self.motion.belief(&place);
+        let update = self.config.filter.update(&mut there, reading, &Vector1::new(sample.reading_n_m));
+        self.side.hold(&mut there.mean);
+        if update.is_ok() && there.is_finite() {
+            bank.add([(there, 0.0)], RETURN_SHARE);
+        }
     }
 
     /// Adds remembered places whose odds of a return exceed 1. `L` is the likelihood of a reading for a contact at the place,
@@ -594,6 +614,10 @@ const LEFT_SD_M: f64 = 1e-3;
 /// Distance below which two places are the same.
 const SAME_PLACE_M: f64 = 1e-3;
 
+/// Standard deviations of a place to which the contact has returned, along the whisker and away from it.
+const RETURNED_ALONG_SD_M: f64 = 1e-3;
+const RETURNED_AWAY_SD_M: f64 = 0.2e-3;
+
 /// Probability of a place when the odds of a return to it are even.
 const RETURN_SHARE: f64 = 0.5;
 
@@ -664,6 +688,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.jumps = expected;
     }
 
+    fn expect_return(&mut self, place: Point<Base>) {
+        self.returned = Some(place).filter(|_| self.config.return_rate > 0.0);
+    }
+
     fn systematic_m2(&self) -> Option<Matrix2<f64>> {
         let settings = Some(&self.config.systematic).filter(|settings| settings.is_on())?;
         let jacobian = self.side.contact_jacobian(&self.bank.as_ref()?.most_probable()?.belief.mean);
@@ -673,6 +701,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
     /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
     /// the whisker's side, and the belief describes no object.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        self.returned = None;
         if self.config.kept_share == 0.0 || self.is_lost || touch.face.face != self.side.face.face {
             return false;
         }

@@ -33,6 +33,7 @@ mod start;
 mod systematic;
 #[cfg(test)]
 pub(crate) mod testing;
+mod touched;
 mod unscented;
 
 pub use crate::settings::{Settings, SettingsError, parse, within};
@@ -292,6 +293,9 @@ pub trait Tracker: Send {
 
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
     fn expect_jumps(&mut self, _expected: bool) {}
+
+    /// Takes note that the contact may have returned to this place of an earlier contact, at the last sample. Default: no effect.
+    fn expect_return(&mut self, _place: Point<Base>) {}
 
     /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
     /// its covariance does not contain. `None` for methods without such errors.

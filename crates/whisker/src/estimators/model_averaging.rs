@@ -34,12 +34,14 @@ use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::systematic::SystematicSettings;
+use super::touched::TouchedPlaces;
 use super::{
     Ahead, ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint,
     Radius, Sample, Touch, Tracker, estimator,
 };
 use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
+use crate::elastica::Elastica;
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -229,7 +231,8 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
     let noise_n2_m2 = knowledge.noise_sd_n_m.powi(2);
-    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, noise_n2_m2 }))
+    let elastica = Elastica::new(&knowledge.whisker).ok().map(Arc::new);
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, noise_n2_m2, elastica }))
 }
 
 /// Smallest factor of the innovation covariances in the evidence, so that after nearly exact readings one of ordinary size does not
@@ -243,6 +246,9 @@ const CARRYING_SHARE: f64 = 1e-6;
 /// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
 
+/// Probability of a moving object above which the places that were touched may have moved too.
+const MAY_MOVE_SHARE: f64 = 0.1;
+
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
@@ -250,6 +256,8 @@ struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
     noise_n2_m2: f64,
+    /// `None` for a whisker without equilibria.
+    elastica: Option<Arc<Elastica>>,
 }
 
 impl Method for ModelAveraging {
@@ -265,6 +273,7 @@ impl Method for ModelAveraging {
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
             second: Second::default(),
+            touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
             base: touch.before,
             last: None,
             blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
@@ -296,6 +305,7 @@ struct AveragingTracker {
     right: Modes,
     doubtful: Doubtful,
     second: Second,
+    touched: TouchedPlaces,
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
@@ -528,13 +538,13 @@ impl AveragingTracker {
 }
 
 impl AveragingTracker {
-    /// Whether the object moves with near certainty.
-    fn moves(&self) -> bool {
+    /// Probability of a moving object, without the considered candidates.
+    fn moving_share(&self) -> f64 {
         let candidates = self.trackers.iter().zip(self.right.probabilities()).zip(&self.considered);
         let deciding = || candidates.clone().filter(|(_, considered)| !**considered).map(|(candidate, _)| candidate);
         let total: f64 = deciding().map(|(_, share)| share).sum();
         let moving: f64 = deciding().filter(|(tracker, _)| tracker.assumes_motion()).map(|(_, share)| share).sum();
-        moving > MOVING_SHARE * total
+        if total > 0.0 { moving / total } else { 0.0 }
     }
 
     /// The candidates with their probabilities, the most probable first.
@@ -614,6 +624,18 @@ impl AveragingTracker {
         }
     }
 
+    /// A place that was touched before and to which the whisker with this contact has come back.
+    fn returned(&mut self, dt_s: f64, estimate: &Estimate) -> Option<Point<Base>> {
+        let settings = Some(self.config.second).filter(|settings| settings.past_m > 0.0)?;
+        let sd_m = estimate.covariance_m2?.symmetric_eigenvalues().max().sqrt();
+        if self.moving_share() > MAY_MOVE_SHARE {
+            self.touched.forget();
+        } else if self.second.is_raised() {
+            self.touched.forget_latest();
+        }
+        self.touched.advance(&settings, dt_s, &self.base, estimate.contact, sd_m)
+    }
+
     /// Takes the mean of `count` samples, with the base at the mean pose.
     fn step_mean_of(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
@@ -621,10 +643,14 @@ impl AveragingTracker {
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, count, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
-        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moves();
+        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moving_share() > MOVING_SHARE;
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
-        let second_contact = self.second.is_raised();
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
+        if let Some(place) = together.as_ref().and_then(|estimate| self.returned(sample.dt_s, estimate)) {
+            self.second.raise(&self.config.second);
+            self.trackers.iter_mut().for_each(|tracker| tracker.expect_return(place));
+        }
+        let second_contact = self.second.is_raised();
         if is_second && self.config.second.begins_touch {
             self.begin_again();
         }
@@ -685,6 +711,7 @@ impl Tracker for AveragingTracker {
         self.blocks = Blocks::new(touch.before, touch.face.rest.length_m());
         self.stated = None;
         self.second.resume();
+        self.touched.resume(touch.face.face);
         self.doubtful.resume();
         self.begin_again_with(touch);
         let total: f64 = self.weights.iter().sum();
@@ -734,6 +761,7 @@ mod tests {
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
             second: Second::default(),
+            touched: TouchedPlaces::new(None, face.face),
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,
             blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),
@@ -845,7 +873,7 @@ mod tests {
             tracker.right = Modes::new(shares);
             tracker.considered = vec![false, false, true];
             tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover), Box::new(Carrier(None))];
-            tracker.moves()
+            tracker.moving_share() > MOVING_SHARE
         };
         // The last candidate is considered.
         assert!(moves([0.001, 0.5, 0.499]) && !moves([0.1, 0.5, 0.4]));
