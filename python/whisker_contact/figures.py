@@ -1,6 +1,7 @@
 """Figures of replays, by matplotlib."""
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ from ._native import Replay, Trial
 
 #: Half width of a 95 % interval, in standard deviations.
 _NORMAL_95 = 1.959963984540054
+
+#: Colours of the replays, distinguishable with any colour vision: Okabe and Ito, "Color Universal Design", 2008.
+_COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 
 
 def _axes(function: str, axes: Any) -> Any:
@@ -28,12 +32,14 @@ def plot_sweep(trial: Trial, replays: Replay | Mapping[str, Replay], axes: Any =
     """
     axes = _axes("plot_sweep", axes)
     t_s = trial.trace.recording["t_s"]
-    for label, replay in replays.items() if isinstance(replays, Mapping) else [("estimate", replays)]:
-        (line,) = axes.plot(t_s, 1e3 * trial.errors_m(replay), linewidth=1.0, label=label)
-        axes.plot(t_s, 1e3 * replay.sd_m, linewidth=1.0, linestyle=":", color=line.get_color(), label=f"{label}, stated")
+    labelled = replays if isinstance(replays, Mapping) else {"estimate": replays}
+    for (label, replay), color in zip(labelled.items(), cycle(_COLORS), strict=False):
+        axes.plot(t_s, 1e3 * trial.errors_m(replay), linewidth=1.0, color=color, label=label)
+        axes.plot(t_s, 1e3 * replay.sd_m, linewidth=1.5, linestyle=":", color=color, label=f"{label}, stated")
     axes.plot(t_s, 1e3 * trial.bound["bound_m"], color="black", linewidth=1.5, label="Cramer-Rao bound")
     axes.set(xlabel="time (s)", ylabel="contact error (mm)", yscale="log", title=trial.trace.name)
-    axes.legend(frameon=False)
+    # To the right of the axes the legend covers neither data nor title.
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return axes
 
 

@@ -101,3 +101,25 @@ fn robust_invalid_candidates_are_named() {
         assert!(error.contains(expected), "{error}");
     }
 }
+
+/// The motion is that of the method, so that one of the filter would have no effect.
+#[test]
+fn robust_a_motion_without_effect_is_refused() {
+    let knowledge = knowledge(NOISE_N_M);
+    let average = estimators::estimator("recommended").unwrap();
+    for name in ["rubbing", "drifting", "installed"] {
+        let row = estimators::estimator(name).unwrap();
+        assert!((row.defaults)()["filter"].get("motion").is_none(), "{name}");
+        for motion in motions() {
+            let settings = json!({"filter": {"motion": motion}});
+            let candidates = json!([{"name": name, "weight": 1.0, "settings": settings}]);
+            let alone = (row.build)(&settings, &knowledge).err();
+            let averaged = (average.build)(&json!({ "candidates": candidates }), &knowledge).err();
+            for error in [alone, averaged] {
+                let error = error.expect(name).to_string();
+                assert!(error.starts_with("`filter.motion`: found a model of motion"), "{name}: {error}");
+            }
+        }
+        assert!((row.build)(&json!({"filter": {"gate_sds": 4.0}}), &knowledge).is_ok(), "{name}");
+    }
+}

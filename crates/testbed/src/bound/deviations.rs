@@ -14,8 +14,8 @@
 //!
 //! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
 //! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
-//! unit of `ln s`. If the object moves uniformly with an unknown velocity, a contact has moved by `v t` at the time `t` after the
-//! touch.
+//! unit of `ln s`. If the object moves uniformly with an unknown velocity, whose prior is not that of any estimator, a contact has
+//! moved by `v t` at the time `t` after the touch.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -29,7 +29,9 @@ const SIZE: usize = 2;
 const VELOCITY: usize = SIZE + 1 + COUNT;
 const STATES: usize = VELOCITY + 2;
 
-/// Prior standard deviation of the velocity of an object that moves, in each direction: that of `drifting`.
+/// Prior standard deviation of the velocity of an object that moves, in each direction. It is the same for all whiskers and
+/// motions, of the order of the speeds of the suite `hollow` (0.2 to 2 mm/s); that of `drifting` is in proportion to the speed of the
+/// whisker before the touch.
 const VELOCITY_SD_M_S: f64 = 1e-3;
 
 /// Smallest and largest absolute value of each deviation in the random suites, between which it is log-uniform.

@@ -5,6 +5,7 @@
 //! A *stroke* is the motion between two reversals of the base ([`second_stroke`](crate::contour::second_stroke)). From
 //! the second stroke on, estimators that remember the object have an advantage.
 
+use super::scored::errors_m;
 use super::{Contact, Metric, Scored, Summary};
 use crate::statistics::rms;
 
@@ -123,9 +124,7 @@ fn first_release(scored: &Scored<'_>) -> Option<usize> {
     Some(first + truths.iter().position(|truth| truth.touching == Some(false))?)
 }
 
-/// RMS error of selected contacts. `None` if too many estimates are missing.
-fn contact_rmse_m(scored: &Scored<'_>, counts: impl Fn(&Contact) -> bool) -> Option<f64> {
-    let contacts = scored.contacts.iter().filter(|contact| counts(contact));
-    let errors_m: Vec<f64> = contacts.filter_map(|contact| contact.error_m).collect();
-    rms(&errors_m).filter(|_| !scored.is_silent())
+/// RMS error of selected contacts. `None` if the estimates of too many of them are missing.
+fn contact_rmse_m(scored: &Scored<'_>, counts: impl Fn(&Contact) -> bool + Copy) -> Option<f64> {
+    rms(&errors_m(scored.contacts.iter().filter(move |contact| counts(contact))))
 }

@@ -1,6 +1,7 @@
 //! Distance between estimated and true contact, without alignment.
 
-use super::{Contact, Metric, Scored, Summary};
+use super::scored::errors_m;
+use super::{Contact, Metric, Summary};
 use crate::statistics::{mean, quantile, rms};
 
 /// RMS of the steady error.
@@ -8,7 +9,7 @@ pub const RMSE: Metric = Metric {
     name: "rmse_m",
     about: "RMS contact error after the first two seconds of contact",
     summary: Summary::Median,
-    measure: |scored| rms(&steady(scored)),
+    measure: |scored| rms(&errors_m(scored.steady())),
 };
 
 /// Median of the steady error.
@@ -16,7 +17,7 @@ pub const MEDIAN: Metric = Metric {
     name: "median_m",
     about: "median contact error after the first two seconds of contact",
     summary: Summary::Median,
-    measure: |scored| quantile(&steady(scored), 0.5),
+    measure: |scored| quantile(&errors_m(scored.steady()), 0.5),
 };
 
 /// 95th percentile of the steady error.
@@ -24,7 +25,7 @@ pub const P95: Metric = Metric {
     name: "p95_m",
     about: "95th percentile of the contact error after the first two seconds of contact",
     summary: Summary::Median,
-    measure: |scored| quantile(&steady(scored), 0.95),
+    measure: |scored| quantile(&errors_m(scored.steady()), 0.95),
 };
 
 /// Largest steady error.
@@ -32,7 +33,7 @@ pub const WORST: Metric = Metric {
     name: "worst_m",
     about: "largest contact error after the first two seconds of contact",
     summary: Summary::Worst,
-    measure: |scored| quantile(&steady(scored), 1.0),
+    measure: |scored| quantile(&errors_m(scored.steady()), 1.0),
 };
 
 /// RMS of the error during start-up.
@@ -40,7 +41,7 @@ pub const START_RMSE: Metric = Metric {
     name: "start_rmse_m",
     about: "RMS contact error within the first two seconds of contact",
     summary: Summary::Median,
-    measure: |scored| rms(&stated(scored.start_up())),
+    measure: |scored| rms(&errors_m(scored.start_up())),
 };
 
 /// Time to an error of 1 mm.
@@ -78,15 +79,6 @@ pub const ANSWERED: Metric = Metric {
         mean(calibrated.map(|contact| f64::from(contact.error_m.is_some())))
     },
 };
-
-/// Errors of the steady contact; empty if too many estimates are missing.
-fn steady(scored: &Scored<'_>) -> Vec<f64> {
-    if scored.is_silent() { Vec::new() } else { stated(scored.steady()) }
-}
-
-fn stated(contacts: &[Contact]) -> Vec<f64> {
-    contacts.iter().filter_map(|contact| contact.error_m).collect()
-}
 
 /// Time after which the error stays below a bound until the end. Missing estimates count as above it.
 fn time_to_stay_below(contacts: &[Contact], bound_m: f64) -> Option<f64> {

@@ -14,8 +14,8 @@ use crate::replay::Replay;
 /// End of the start-up phase after the touch.
 pub const START_UP_S: f64 = 2.0;
 
-/// Largest fraction of missing estimates in the steady contact in the calibrated domain for which there are steady scores;
-/// more would bias them.
+/// Largest fraction of missing estimates, of the contacts in the calibrated domain that a score counts, for which there is a score;
+/// more would bias it.
 const MOST_MISSING: f64 = 0.1;
 
 /// Trial under one noise realisation: input of the estimators and ground truth.
@@ -215,12 +215,56 @@ impl<'a> Scored<'a> {
 
     /// Number of steady contacts in the calibrated domain without an estimate.
     pub fn missing(&self) -> usize {
-        self.steady().iter().filter(|contact| contact.is_calibrated && contact.error_m.is_none()).count()
+        missing(self.steady())
     }
 
-    /// Whether too many estimates of the steady contact in the calibrated domain are missing for steady scores.
+    /// Whether too many estimates of the steady contact are missing for steady scores.
     pub fn is_silent(&self) -> bool {
-        let calibrated = self.steady().iter().filter(|contact| contact.is_calibrated).count();
-        self.missing() as f64 > MOST_MISSING * calibrated as f64
+        is_silent(self.steady())
+    }
+}
+
+/// Errors of the contacts with an estimate; empty if the estimates of too many contacts are missing.
+pub(super) fn errors_m<'a>(contacts: impl IntoIterator<Item = &'a Contact, IntoIter: Clone>) -> Vec<f64> {
+    let contacts = contacts.into_iter();
+    if is_silent(contacts.clone()) { Vec::new() } else { contacts.filter_map(|contact| contact.error_m).collect() }
+}
+
+/// Whether too many estimates of these contacts are missing for scores that count these contacts.
+fn is_silent<'a>(contacts: impl IntoIterator<Item = &'a Contact, IntoIter: Clone>) -> bool {
+    let contacts = contacts.into_iter();
+    let calibrated = contacts.clone().filter(|contact| contact.is_calibrated).count();
+    missing(contacts) as f64 > MOST_MISSING * calibrated as f64
+}
+
+/// Number of contacts in the calibrated domain without an estimate.
+fn missing<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> usize {
+    contacts.into_iter().filter(|contact| contact.is_calibrated && contact.error_m.is_none()).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn contact((row, error_m): (usize, Option<f64>)) -> Contact {
+        Contact { row, t_contact_s: 0.0, is_calibrated: true, error_m, nees: None, nis: None }
+    }
+
+    /// A first touch of which half is missed is short compared with the rest of the contact.
+    #[test]
+    fn verif_estimates_are_missing_in_the_contacts_that_a_score_counts() {
+        let errors = |row: usize| (row, (row >= 5).then_some(1e-3));
+        let contacts: Vec<Contact> = (0..100).map(errors).map(contact).collect();
+        let first = contacts.iter().filter(|contact| contact.row < 10);
+        let later = contacts.iter().filter(|contact| contact.row >= 10);
+        assert!(errors_m(first).is_empty());
+        assert_eq!((errors_m(later).len(), errors_m(&contacts).len()), (90, 95));
+    }
+
+    #[test]
+    fn verif_estimates_outside_of_the_calibrated_domain_may_be_missing() {
+        let outside = Contact { is_calibrated: false, ..contact((0, None)) };
+        assert_eq!(errors_m(&[outside, contact((1, Some(1e-3)))]), [1e-3]);
+        assert!(errors_m(&[contact((0, None)), contact((1, Some(1e-3)))]).is_empty());
     }
 }

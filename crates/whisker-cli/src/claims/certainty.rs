@@ -357,10 +357,8 @@ const MISCALIBRATIONS: [(&str, &str); 5] = [
 fn miscalibrations() -> Vec<Claim> {
     let of_case = |(id, label): (&'static str, &'static str)| {
         let rows = move |context: &Context| -> Vec<TrialRow> {
-            let Evaluation { trials, .. } = context.run(MISCALIBRATED);
-            let is_case =
-                |trial: &&TrialRow| trial.head.estimator == RECOMMENDED && trial.head.group == format!("pin, {label}");
-            trials.iter().filter(is_case).cloned().collect()
+            let group = format!("pin, {label}");
+            context.run(MISCALIBRATED).trials_in(RECOMMENDED, |of| of == group).cloned().collect()
         };
         let about = format!("pins of the standard suite, {label}, {RECOMMENDED}");
         [

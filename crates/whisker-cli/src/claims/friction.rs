@@ -85,6 +85,5 @@ fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
 /// Trials in which the whisker rubs along an object with friction.
 fn rubbing(context: &Context) -> impl Iterator<Item = &TrialRow> {
     let groups: Vec<_> = OBJECTS.iter().flat_map(|object| COEFFICIENTS.map(|percent| group(object, percent))).collect();
-    let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
-    trials.filter(move |trial| groups.contains(&trial.head.group))
+    context.run(RUN).trials_in(RECOMMENDED, move |of| groups.iter().any(|group| group == of))
 }

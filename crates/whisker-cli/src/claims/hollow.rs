@@ -111,6 +111,6 @@ fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: 
 
 /// Trials on objects that are not convex.
 fn of_hollow(context: &Context) -> impl Iterator<Item = &TrialRow> {
-    let trials = context.run(RUN).trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED);
-    trials.filter(|trial| trial.head.group.strip_prefix("hollow_").is_some_and(|object| HOLLOW.contains(&object)))
+    let is_hollow = |group: &str| group.strip_prefix("hollow_").is_some_and(|object| HOLLOW.contains(&object));
+    context.run(RUN).trials_in(RECOMMENDED, is_hollow)
 }

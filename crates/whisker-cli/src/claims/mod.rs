@@ -309,11 +309,13 @@ impl Evaluation {
 
     /// Trials of an estimator on one set at the first noise level of the run.
     fn trials_of(&self, group: &str, whisker: &str, estimator: &str) -> impl Iterator<Item = &TrialRow> {
+        self.trials_in(estimator, move |of| of == group).filter(move |trial| trial.head.whisker == whisker)
+    }
+
+    /// Trials of an estimator on the groups that meet a condition, at the first noise level of the run.
+    fn trials_in(&self, estimator: &str, condition: impl Fn(&str) -> bool) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(move |TrialRow { head, .. }| {
-            head.group == group
-                && head.whisker == whisker
-                && head.estimator == estimator
-                && head.noise == self.run.noise[0]
+            head.estimator == estimator && condition(&head.group) && head.noise == self.run.noise[0]
         })
     }
 }

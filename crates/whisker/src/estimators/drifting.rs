@@ -15,7 +15,8 @@ use crate::settings::{Settings, SettingsError, parse};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Config {
-    /// The filter; its model of the contact's motion does not apply.
+    /// The filter.
+    #[serde(with = "gaussian::without_motion")]
     filter: gaussian::Config<Extended>,
     /// Object and velocity.
     object: Drifting,

@@ -15,7 +15,7 @@ use super::motion::{AnyMotion, Motion, MotionSettings, Round};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::systematic::{Systematic, SystematicSettings};
-use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker};
+use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker, to_json};
 use crate::frames::{Base, Point, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -140,6 +140,39 @@ impl<Filter: GaussianFilter> Config<Filter> {
             return_rate: RETURN_RATE,
             ..Self::default()
         }
+    }
+}
+
+/// Serialisation of the filter's settings in a method with its own model of the contact's motion: without `motion`, which would have no
+/// effect.
+pub(super) mod without_motion {
+    use serde::de::{Deserializer, Error};
+    use serde::ser::Serializer;
+    use serde_json::Map;
+
+    use super::*;
+
+    pub(in crate::estimators) fn serialize<Filter: GaussianFilter, S: Serializer>(
+        config: &Config<Filter>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        let mut settings = to_json(config);
+        if let Some(all) = settings.as_object_mut() {
+            all.remove("motion");
+        }
+        settings.serialize(serializer)
+    }
+
+    pub(in crate::estimators) fn deserialize<'de, Filter: GaussianFilter, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Config<Filter>, D::Error> {
+        let settings = Map::deserialize(deserializer)?;
+        if settings.contains_key("motion") {
+            return Err(Error::custom(
+                "`filter.motion`: found a model of motion, expected none, since the method has its own",
+            ));
+        }
+        Config::deserialize(Value::Object(settings)).map_err(Error::custom)
     }
 }
 
