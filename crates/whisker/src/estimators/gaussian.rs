@@ -89,8 +89,8 @@ pub(super) struct Config<Filter> {
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
     /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
-    /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: places are not remembered, and
-    /// [`Tracker::expect_return`] has no effect.
+    /// [`Tracker::expect_jumps`] is called; requires `kept_share` and `search`. 0: the contact does not return, neither to such
+    /// a place nor to that of [`Tracker::expect_return`].
     pub return_rate: f64,
     /// Systematic errors of readings and poses for [`Tracker::systematic_m2`]; the filter itself has none.
     pub systematic: SystematicSettings,
@@ -722,7 +722,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
     }
 
     fn expect_return(&mut self, place: Point<Base>) {
-        self.returned = Some(place).filter(|_| self.config.return_rate > 0.0);
+        self.returned = Some(place).filter(|_| self.jumps && self.config.return_rate > 0.0);
     }
 
     fn systematic_m2(&self) -> Option<Matrix2<f64>> {

@@ -90,8 +90,8 @@ pub struct Estimate {
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
     /// for methods that average no models.
     pub model_doubtful: bool,
-    /// Whether the readings show that a second contact has taken load within the last instants. Always `false` for methods that
-    /// average no models.
+    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants. Always
+    /// `false` for methods that average no models.
     pub second_contact: bool,
 }
 
@@ -294,7 +294,8 @@ pub trait Tracker: Send {
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
     fn expect_jumps(&mut self, _expected: bool) {}
 
-    /// Takes note that the contact may have returned to this place of an earlier contact, at the last sample. Default: no effect.
+    /// Takes note that the contact may have returned to this place of an earlier contact, at the last sample. Without effect unless
+    /// jumps are expected. Default: no effect.
     fn expect_return(&mut self, _place: Point<Base>) {}
 
     /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
