@@ -8,8 +8,7 @@ use nalgebra::Vector2;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use testbed::evaluate::estimate_row;
-use testbed::results::EstimateRow;
+use testbed::results::{EstimateRow, estimate_row};
 
 use crate::arrays::{column, flags, known_flags, matrices, place, structured, texts, vectors};
 use crate::estimate::Estimate;

@@ -5,6 +5,7 @@
 
 mod filter;
 mod ours;
+mod polynomial;
 mod problem;
 mod smellys;
 

@@ -20,6 +20,8 @@ use trace::{CalibrationFile, Trace};
 use whisker::frames::Point;
 use whisker::sensor::CalibratedFace;
 
+use crate::polynomial::Polynomial;
+
 /// Name of the sensor model in the calibration.
 const MODEL: &str = "polynomial-5";
 
@@ -45,6 +47,9 @@ pub(crate) struct Problem {
     truth_m: Vec<Vector2<f64>>,
     /// Sensor model, in the format of calibration files.
     model: Value,
+    /// The same for many contacts at once.
+    #[serde(skip)]
+    polynomial: Polynomial,
     /// Calibrated face with the sensor model.
     #[serde(skip)]
     pub(crate) face: Arc<CalibratedFace>,
@@ -82,6 +87,7 @@ impl Problem {
         let faces = file.calibrated(calibration, Some(MODEL))?;
         let face = faces.iter().find(|face| face.face == sidecar.face).context("the face is not calibrated")?;
         let of_face = file.faces.iter().find(|of| of.face == face.face).and_then(|of| of.model(Some(MODEL)));
+        let model = of_face.context("the model is not in the file")?.model.clone();
         let noise_sd_n_m = NOISE * face.largest_reading_n_m;
         let mut rng = Pcg64::seed_from_u64(SEED);
 
@@ -100,7 +106,8 @@ impl Problem {
             start_m2: START_SD_M * START_SD_M,
             steps,
             truth_m,
-            model: of_face.context("the model is not in the file")?.model.clone(),
+            polynomial: Polynomial::of(&model)?,
+            model,
             face: face.clone(),
             variance_n2_m2: noise_sd_n_m * noise_sd_n_m + face.heldout_rms_n_m * face.heldout_rms_n_m,
             wander_m2: WANDER_M_SQRT_S * WANDER_M_SQRT_S / sidecar.rate_hz,
@@ -198,7 +205,7 @@ impl Measurement<2, 1> for &Problem {
 
     fn predict_each(&self, states: &StateArray<2>, expected: &mut StateArray<1>) {
         let [readings_n_m] = expected.columns_mut();
-        self.face.model.readings_n_m(states.column(0), states.column(1), readings_n_m);
+        self.polynomial.readings_n_m(states.column(0), states.column(1), readings_n_m);
     }
 
     fn constant_noise(&self) -> Option<Matrix1<f64>> {

@@ -4,6 +4,8 @@
 //!
 //! Readings are scalar. Buffers are reused: only the first step of each kind allocates.
 
+mod weights;
+
 use fearless_simd::prelude::*;
 use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
@@ -12,6 +14,7 @@ use crate::robust::InflatedNoise;
 use crate::simd::{self, Column, GROUPS, Generator, LANES, Rows, of_group};
 use crate::vectorised;
 use crate::{Gaussian, Innovation, Measurement, Process, StateArray, UpdateError, extended};
+use weights::{Before, Sums};
 
 /// Belief represented by weighted particles.
 #[derive(Clone, Debug)]
@@ -47,7 +50,8 @@ struct Scratch<const N: usize> {
     weights: Column,
     logs: Column,
     summary: Summary,
-    expected: StateArray<1>,
+    /// Residual of the reading at each particle, NaN where the model is undefined.
+    residuals: StateArray<1>,
     /// Measurement noise variance at each particle, if it depends on the state.
     variances: Column,
     conditioned: Vec<Option<Conditioned<N>>>,
@@ -56,10 +60,10 @@ struct Scratch<const N: usize> {
 }
 
 impl<const N: usize> Scratch<N> {
-    /// Stores the expected reading at a particle and the variance of its noise.
-    fn expect(&mut self, index: usize, found: Option<(f64, f64)>) {
-        let (expected, variance) = found.filter(|(expected, _)| !expected.is_nan()).unwrap_or((f64::NAN, 1.0));
-        self.expected.set(index, &Vector1::new(expected));
+    /// Stores the residual of the reading at a particle and the variance of its noise.
+    fn compare(&mut self, index: usize, found: Option<(f64, f64)>) {
+        let (residual, variance) = found.filter(|(residual, _)| !residual.is_nan()).unwrap_or((f64::NAN, 1.0));
+        self.residuals.set(index, &Vector1::new(residual));
         self.variances[index] = variance;
     }
 
@@ -88,7 +92,7 @@ impl<const N: usize> ParticleSet<N> {
             weights: simd::column(count, 0.0),
             logs: simd::column(count, 0.0),
             summary: Summary::of_equal_weights(count),
-            expected: StateArray::zeros(count),
+            residuals: StateArray::zeros(count),
             variances: simd::column(count, 0.0),
             conditioned: Vec::with_capacity(count),
             sources: vec![0; count + 1],
@@ -173,11 +177,11 @@ impl<const N: usize> ParticleSet<N> {
     ) -> Result<Innovation<1>, UpdateError> {
         for index in 0..self.particles.len() {
             let mut particle = self.particles.get(index);
-            let found = expect(&mut particle);
+            let found = expect(&mut particle).map(|(expected, variance)| (z - expected, variance));
             self.particles.set(index, &particle);
-            self.scratch.expect(index, found);
+            self.scratch.compare(index, found);
         }
-        let innovation = self.weigh_expected(|expected| z - expected)?;
+        let innovation = self.weigh()?;
         self.accept_weights();
         Ok(innovation)
     }
@@ -222,33 +226,33 @@ impl<const N: usize> ParticleSet<N> {
         measurement: &impl Measurement<N, 1>,
         z: &Vector1<f64>,
     ) -> Result<Innovation<1>, UpdateError> {
-        let residual = |expected| measurement.residual(z, &Vector1::new(expected))[0];
+        let residual = |expected: f64| measurement.residual(z, &Vector1::new(expected))[0];
         if let Some(noise) = measurement.constant_noise() {
             if !is_positive(noise[0]) {
                 return Err(UpdateError::NotPositiveDefinite);
             }
-            let Scratch { logs, expected, .. } = &mut self.scratch;
+            let Scratch { logs, residuals, .. } = &mut self.scratch;
+            measurement.predict_each(&self.particles, residuals);
+            vectorised!(replace_each(residuals, residual));
             let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
-            measurement.predict_each(&self.particles, expected);
-            let sums =
-                vectorised!(simd => log_weights_constant_noise(simd, residual, expected, noise[0], before, logs));
+            let sums = weights::log_weights_constant_noise(residuals, noise[0], before, logs);
             return self.scratch.innovation(&sums);
         }
         for (index, particle) in self.particles.iter().enumerate() {
-            let found = measurement.predict_with_noise(&particle).map(|(expected, noise)| (expected[0], noise[0]));
-            self.scratch.expect(index, found);
+            let found = measurement.predict_with_noise(&particle);
+            self.scratch.compare(index, found.map(|(expected, noise)| (residual(expected[0]), noise[0])));
         }
-        self.weigh_expected(residual)
+        self.weigh()
     }
 
-    /// Writes the logarithms of the updated weights to the scratch buffer, by the expected readings and their variances there.
-    fn weigh_expected(&mut self, residual: impl Fn(f64) -> f64) -> Result<Innovation<1>, UpdateError> {
-        let Scratch { logs, expected, variances, .. } = &mut self.scratch;
+    /// Writes the logarithms of the updated weights to the scratch buffer, by the residuals and their variances there.
+    fn weigh(&mut self) -> Result<Innovation<1>, UpdateError> {
+        let Scratch { logs, residuals, variances, .. } = &mut self.scratch;
         if !variances.iter().take(self.particles.len()).all(|&variance| is_positive(variance)) {
             return Err(UpdateError::NotPositiveDefinite);
         }
         let before = Before { weights: &self.weights, logs: &self.logs, largest_log: self.summary.largest_log };
-        let sums = vectorised!(simd => log_weights(simd, residual, expected, variances, before, logs));
+        let sums = weights::log_weights(residuals, variances, before, logs);
         self.scratch.innovation(&sums)
     }
 
@@ -257,8 +261,7 @@ impl<const N: usize> ParticleSet<N> {
         std::mem::swap(&mut self.logs, &mut self.scratch.logs);
         std::mem::swap(&mut self.summary, &mut self.scratch.summary);
         let (count, largest_log) = (self.particles.len(), self.summary.largest_log);
-        let found = vectorised!(simd => normalised(simd, count, &self.logs, largest_log, &mut self.weights));
-        self.summary.effective_size = found;
+        self.summary.effective_size = weights::normalised(count, &self.logs, largest_log, &mut self.weights);
     }
 
     /// As [`Self::accept_weights`], but keeps the old weights for [`Self::restore_weights`].
@@ -319,13 +322,13 @@ impl<const N: usize> ParticleSet<N> {
     /// Finds the largest logarithm in the scratch buffer.
     fn find_largest_log(&mut self) {
         let Scratch { logs, summary, .. } = &mut self.scratch;
-        summary.largest_log = vectorised!(simd => simd::largest(simd, self.particles.len(), logs));
+        summary.largest_log = weights::largest(self.particles.len(), logs);
     }
 
     /// Draws the parents of the new particles by systematic resampling with one random number (Kitagawa 1996).
     fn draw_sources(&mut self, rng: &mut impl Rng) {
         let weights = &self.weights[..self.particles.len()];
-        vectorised!(systematic_sources(weights, &mut self.scratch.sources, rng.random::<f64>()));
+        weights::systematic_sources(weights, &mut self.scratch.sources, rng.random::<f64>());
     }
 
     /// Systematic resampling with one random number (Kitagawa 1996), followed by a Gaussian kernel of `bandwidth`
@@ -483,6 +486,13 @@ fn moments<const N: usize>(simd: impl Simd, particles: &StateArray<N>, weights: 
     Gaussian::new(mean, SMatrix::from_fn(|i, j| sums[i.max(j)][i.min(j)]))
 }
 
+/// Replaces every value, each a state of one component.
+#[inline(always)]
+fn replace_each(values: &mut StateArray<1>, new: impl Fn(f64) -> f64) {
+    let [values] = values.columns_mut();
+    values.iter_mut().for_each(|value| *value = new(*value));
+}
+
 /// Scales the distances of the particles from a centre by `factor`.
 #[inline(always)]
 fn scale<const N: usize>(particles: &mut StateArray<N>, centre: SVector<f64, N>, factor: f64) {
@@ -541,174 +551,12 @@ fn change_with_normals<S: Simd, const N: usize>(
     }
 }
 
-/// Weights before an update.
-#[derive(Clone, Copy)]
-struct Before<'a> {
-    weights: &'a [f64],
-    logs: &'a [f64],
-    largest_log: f64,
-}
-
-/// Weighted sums over the particles at which the model is defined, and the largest logarithm of the updated weights.
-#[derive(Debug, PartialEq)]
-struct Sums {
-    /// Sum of the weights.
-    weight: f64,
-    /// Sum of the residuals.
-    first: f64,
-    /// Sum of the squared residuals.
-    second: f64,
-    /// Sum of the measurement noise variances.
-    variance: f64,
-    largest_log: f64,
-}
-
-/// Adds particles to the sums of the weights, the residuals and the squared residuals, and to the largest logarithm.
-/// Returns the logarithms of their updated weights, minus infinity where the residual is NaN.
-#[inline(always)]
-fn weigh<S: Simd>(
-    simd: S,
-    [weight, residual, log]: [Rows<S>; 3],
-    [sum, first, second, largest]: [&mut Rows<S>; 4],
-) -> Rows<S> {
-    let is_defined = residual.simd_eq(residual);
-    let residual = is_defined.select(residual, Rows::splat(simd, 0.0));
-    let log = is_defined.select(log, Rows::splat(simd, f64::NEG_INFINITY));
-    let weighted = weight * residual;
-    *sum = is_defined.select(*sum + weight, *sum);
-    *first += weighted;
-    *second = weighted.mul_add_precise(residual, *second);
-    *largest = largest.max(log);
-    log
-}
-
-/// Applies a scalar function to each row.
-#[inline(always)]
-fn each<S: Simd>(simd: S, rows: Rows<S>, function: impl Fn(f64) -> f64) -> Rows<S> {
-    let mut values = rows.to_array();
-    values.iter_mut().for_each(|value| *value = function(*value));
-    Rows::load_array(simd, values)
-}
-
-/// Writes the logarithms of the updated weights, up to a common constant, for a constant noise variance.
-#[inline(always)]
-fn log_weights_constant_noise(
-    simd: impl Simd,
-    residual: impl Fn(f64) -> f64,
-    expected: &StateArray<1>,
-    variance: f64,
-    before: Before<'_>,
-    logs: &mut [f64],
-) -> Sums {
-    let factor = Rows::splat(simd, -0.5 / variance);
-    let [readings] = expected.padded_columns();
-    let columns = (readings, [before.weights, before.logs]);
-    let start = [[0.0, 0.0, 0.0, f64::NEG_INFINITY]];
-    let [[weight, first, second, largest]] = simd::pass(
-        simd,
-        expected.len(),
-        columns,
-        [logs],
-        start,
-        |reading, [weight, log], [[sum, first, second, largest]]| {
-            let residual = each(simd, reading, &residual);
-            let log = factor.mul_add_precise(residual * residual, log - before.largest_log);
-            [weigh(simd, [weight, residual, log], [sum, first, second, largest])]
-        },
-    );
-    let weight = simd::total(weight);
-    Sums {
-        weight,
-        first: simd::total(first),
-        second: simd::total(second),
-        variance: variance * weight,
-        largest_log: simd::largest_part(largest),
-    }
-}
-
-/// Writes the logarithms of the updated weights, up to a common constant, for a noise variance per particle.
-#[inline(always)]
-fn log_weights(
-    simd: impl Simd,
-    residual: impl Fn(f64) -> f64,
-    expected: &StateArray<1>,
-    variances: &[f64],
-    before: Before<'_>,
-    logs: &mut [f64],
-) -> Sums {
-    let [readings] = expected.padded_columns();
-    let columns = (readings, [variances, before.weights, before.logs]);
-    let start = [[0.0, 0.0, 0.0, 0.0, f64::NEG_INFINITY]];
-    let [[variance, weight, first, second, largest]] = simd::pass(
-        simd,
-        expected.len(),
-        columns,
-        [logs],
-        start,
-        |reading, [variance, weight, log], [[total, sum, first, second, largest]]| {
-            let residual = each(simd, reading, &residual);
-            let density = (residual * residual / variance + each(simd, variance, simd::ln)) * -0.5;
-            let log = log - before.largest_log + density;
-            *total = residual.is_nan().select(*total, weight.mul_add_precise(variance, *total));
-            [weigh(simd, [weight, residual, log], [sum, first, second, largest])]
-        },
-    );
-    Sums {
-        weight: simd::total(weight),
-        first: simd::total(first),
-        second: simd::total(second),
-        variance: simd::total(variance),
-        largest_log: simd::largest_part(largest),
-    }
-}
-
-/// Writes the normalised weights of given logarithms and returns their effective sample size.
-#[inline(always)]
-fn normalised(simd: impl Simd, count: usize, logs: &[f64], largest_log: f64, weights: &mut [f64]) -> f64 {
-    let [[sum, squares]] =
-        simd::pass(simd, count, (logs, []), [&mut *weights], [[0.0; 2]], |log, [], [[sum, squares]]| {
-            let weight = simd::exp(simd, log - largest_log);
-            *sum += weight;
-            *squares = weight.mul_add_precise(weight, *squares);
-            [weight]
-        });
-    let (sum, squares) = (simd::total(sum), simd::total(squares));
-    let share = 1.0 / sum;
-    weights.iter_mut().for_each(|weight| *weight *= share);
-    sum * sum / squares
-}
-
-/// Writes the index of the particle into whose interval of the cumulative weights each of the evenly spaced pointers
-/// `(i + start) / count` falls.
-#[inline(always)]
-fn systematic_sources(weights: &[f64], sources: &mut [usize], start: f64) {
-    let count = weights.len();
-    sources.fill(0);
-    let mut reached = 0.0;
-    // Sums within chunks shorten the chain of dependent additions.
-    for (chunk, weights) in weights.chunks(8).enumerate() {
-        let mut within = 0.0;
-        for (place, weight) in weights.iter().enumerate() {
-            // First pointer within or after this particle's interval. A particle without pointers is overwritten by the
-            // next one.
-            let first = ((reached + within) * count as f64 - start).ceil() as usize;
-            sources[first.min(count)] = 8 * chunk + place;
-            within += weight;
-        }
-        reached += within;
-    }
-    let mut last = 0;
-    for source in sources {
-        last = last.max(*source);
-        *source = last;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use fearless_simd::dispatch;
     use nalgebra::{Matrix3, Vector3};
 
+    use super::weights::{log_weights_by, log_weights_constant_noise_by, normalised_by};
     use super::*;
     use crate::simd::tests::levels;
 
@@ -729,24 +577,24 @@ mod tests {
     /// A step of `count` particles of which the second is outside the model's domain. The reading is the first component, zero.
     #[inline(always)]
     fn step(simd: impl Simd, count: usize, is_noise_constant: bool) -> Found {
-        let (mut states, mut expected) = (StateArray::<3>::zeros(count), StateArray::<1>::zeros(count));
+        let (mut states, mut residuals) = (StateArray::<3>::zeros(count), StateArray::<1>::zeros(count));
         fill_normal(simd, &mut states, SEED);
         let factor = Matrix3::new(1.0, 0.0, 0.0, 0.4, 0.7, 0.0, -0.3, 0.2, 0.5);
         add_normal(simd, &mut states, factor, SEED + 1);
-        expected.columns_mut()[0].copy_from_slice(states.column(0));
+        residuals.columns_mut()[0].copy_from_slice(states.column(0));
+        replace_each(&mut residuals, |expected| -expected);
         if count > 1 {
-            expected.set(1, &Vector1::new(f64::NAN));
+            residuals.set(1, &Vector1::new(f64::NAN));
         }
         let (mut logs, mut weights) = (simd::column(count, 0.0), simd::column(count, 1.0 / count as f64));
         let (variances, zeros) = (simd::column(count, VARIANCE), simd::column(count, 0.0));
         let before = Before { weights: &weights, logs: &zeros, largest_log: 0.0 };
-        let residual = |expected: f64| -expected;
         let sums = if is_noise_constant {
-            log_weights_constant_noise(simd, residual, &expected, VARIANCE, before, &mut logs)
+            log_weights_constant_noise_by(simd, &residuals, VARIANCE, before, &mut logs)
         } else {
-            log_weights(simd, residual, &expected, &variances, before, &mut logs)
+            log_weights_by(simd, &residuals, &variances, before, &mut logs)
         };
-        let effective_size = normalised(simd, count, &logs, sums.largest_log, &mut weights);
+        let effective_size = normalised_by(simd, count, &logs, sums.largest_log, &mut weights);
         let moments = moments(simd, &states, &weights);
         let (logs, weights) = (logs[..count].to_vec(), weights[..count].to_vec());
         Found { states: states.iter().collect(), logs, weights, sums, effective_size, moments }

@@ -21,6 +21,10 @@
 //! | [`plausibility`] | tests of a trace that a wrong unit, sign or rate would break |
 //! | [`results`] | files of a run, the only input of the crate `report` |
 //!
+//! [`fit`], [`evaluate`], [`participant`], [`plausibility`], `baseline` and most of [`space`] belong to the feature `evaluation`, which is
+//! on by default. Without it the crate replays and scores single traces, as the Python package does, and takes half as long to
+//! build.
+//!
 //! # Example
 //! A sweep over a pin is replayed through the filter `ekf` and scored. The data are two short golden traces of the simulator; for
 //! brevity they serve as calibration too, where a suite has calibration traces of its own.
@@ -79,24 +83,31 @@
 //! # }
 //! ```
 
+#[cfg(feature = "evaluation")]
 pub mod baseline;
 pub mod bound;
 pub mod consistency;
 pub mod contact_events;
 pub mod contour;
 pub mod dataset;
+#[cfg(feature = "evaluation")]
 mod distinct;
 pub mod encoders;
+#[cfg(feature = "evaluation")]
 pub mod evaluate;
+#[cfg(feature = "evaluation")]
 pub mod fit;
 pub mod fitted_traces;
 pub mod front_end;
+#[cfg(feature = "evaluation")]
 mod glitches;
 pub mod map;
 pub mod metrics;
 pub mod miscalibration;
 pub mod noise;
+#[cfg(feature = "evaluation")]
 pub mod participant;
+#[cfg(feature = "evaluation")]
 pub mod plausibility;
 pub mod provenance;
 pub mod replay;

@@ -1,5 +1,4 @@
-//! Time of one evaluation of each registered sensor model: the reading, the reading with its gradient, and the readings
-//! of many contacts at once.
+//! Time of one evaluation of each registered sensor model: the reading, and the reading with its gradient.
 
 #[allow(dead_code, reason = "shared with tests that use the rest of it")]
 #[path = "../tests/world/mod.rs"]
@@ -44,16 +43,5 @@ fn reading_and_gradient(bencher: Bencher, name: &str) {
         for contact in &contacts {
             black_box(face.model.predict(*contact));
         }
-    });
-}
-
-#[divan::bench(args = names(), max_time = 1)]
-fn readings_at_once(bencher: Bencher, name: &str) {
-    let (face, contacts) = (world::face(name), contacts());
-    let (x_m, y_m): (Vec<f64>, Vec<f64>) = contacts.iter().map(|contact| (contact.x(), contact.y())).unzip();
-    let mut readings_n_m = vec![0.0; CONTACTS];
-    bencher.counter(ItemsCount::new(CONTACTS)).bench_local(|| {
-        face.model.readings_n_m(black_box(&x_m), black_box(&y_m), &mut readings_n_m);
-        black_box(&readings_n_m);
     });
 }

@@ -55,7 +55,6 @@ use work::Batch;
 pub use plan::Share;
 pub use settings::{EvaluateSettings, Evaluated, OmittedEstimator};
 pub use starts::Starts;
-pub use tables::estimate_row;
 pub use workload::Workload;
 
 /// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted

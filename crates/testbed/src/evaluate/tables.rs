@@ -1,14 +1,14 @@
 //! Rows of the tables of a run.
 
 use serde::{Deserialize, Serialize};
-use trace::{Instant, Trace, TruthInstant};
-use whisker::estimators::{Estimate, Knowledge, ModelShares};
+use trace::Trace;
+use whisker::estimators::{Estimate, ModelShares};
 use whisker::events::Signals;
 
 use crate::bound::{BoundAt, TraceBound};
 use crate::consistency::{NEES_TEST, NIS_TEST, interval};
 use crate::metrics::{Contact, Scored, Trial};
-use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SetKey};
+use crate::results::{BoundRow, ConsistencyRow, ErrorBandRow, EstimateRow, EventRow, SetKey, estimate_row};
 use crate::statistics::{mean, median, quantile_of_sorted, rms};
 
 /// Width of the time bins of `error_over_time.csv`.
@@ -92,46 +92,6 @@ pub(super) fn estimate_rows(trial: &Trial<'_>, estimates: &[Option<Estimate>]) -
         estimate_row(trial.knowledge, known, truth, reading_n_m, estimate.as_ref())
     };
     seen.map(row)
-}
-
-/// Row of `estimates/<trace>.<estimator>.csv`: estimate and truth at one instant.
-pub fn estimate_row(
-    knowledge: &Knowledge,
-    known: &Instant,
-    truth: &TruthInstant,
-    reading_n_m: f64,
-    estimate: Option<&Estimate>,
-) -> EstimateRow {
-    let contact = estimate.map(|e| known.base.apply(e.contact));
-    let surface = estimate.map(|e| known.base.apply(knowledge.surface(e, reading_n_m)));
-    let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
-    EstimateRow {
-        t_s: known.t_s,
-        base_x_m: known.base.origin().x(),
-        base_y_m: known.base.origin().y(),
-        base_yaw_rad: known.base.yaw_rad(),
-        reading_n_m,
-        contact_x_m: contact.map(|p| p.x()),
-        contact_y_m: contact.map(|p| p.y()),
-        surface_x_m: surface.map(|p| p.x()),
-        surface_y_m: surface.map(|p| p.y()),
-        cov_xx_m2: covariance.map(|p| p[(0, 0)]),
-        cov_xy_m2: covariance.map(|p| p[(0, 1)]),
-        cov_yy_m2: covariance.map(|p| p[(1, 1)]),
-        calibrated: estimate.map(|e| e.calibrated),
-        at_tip: estimate.map(|e| e.at_tip),
-        radius_m: estimate.and_then(|e| e.radius).map(|radius| radius.radius_m),
-        radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
-        friction: estimate.and_then(|e| e.friction).map(|friction| friction.coefficient),
-        friction_sd: estimate.and_then(|e| e.friction).map(|friction| friction.sd),
-        models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
-        model_doubtful: estimate.filter(|e| e.models.is_some()).map(|e| e.model_doubtful),
-        second_contact: estimate.filter(|e| e.models.is_some()).map(|e| e.second_contact),
-        truth_contact_x_m: truth.contact.map(|p| p.x()),
-        truth_contact_y_m: truth.contact.map(|p| p.y()),
-        truth_surface_x_m: truth.surface.map(|p| p.x()),
-        truth_surface_y_m: truth.surface.map(|p| p.y()),
-    }
 }
 
 /// Rows of `bounds/<trace>.csv`.

@@ -8,6 +8,7 @@
 
 mod gating;
 mod grid;
+#[cfg(feature = "evaluation")]
 mod score;
 mod view;
 
@@ -17,6 +18,7 @@ use serde::{Deserialize, Serialize};
 pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
 pub use grid::{Cell, Grid};
+#[cfg(feature = "evaluation")]
 pub(crate) use score::{MapScore, Truths, score_map};
 pub use view::{Observer, Seen, View};
 

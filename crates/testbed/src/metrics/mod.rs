@@ -62,7 +62,7 @@ impl Summary {
     }
 
     /// Summary of the values of the trials.
-    pub(crate) fn of(self, values: &[Option<f64>]) -> Option<f64> {
+    pub fn of(self, values: &[Option<f64>]) -> Option<f64> {
         match self {
             Self::Median => median_of_scores(values.iter().copied()),
             Self::Worst => values.iter().copied().try_fold(0.0, |worst: f64, value| Some(worst.max(value?))),

@@ -18,7 +18,7 @@ mod sensors;
 mod table;
 
 pub use contours::{ContourScoreRow, ContourTrialRow, VertexRow};
-pub use estimates::{BoundRow, EstimateRow, EventRow};
+pub use estimates::{BoundRow, EstimateRow, EventRow, estimate_row};
 pub use files::{RUN_FILES, RunFile, RunNames};
 pub use key::{Keyed, SetKey, SetName};
 pub use maps::{GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow};

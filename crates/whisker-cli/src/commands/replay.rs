@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use files::AtomicFile;
-use testbed::evaluate::estimate_row;
 use testbed::front_end::Reader;
 use testbed::replay::Steps;
-use testbed::results::{EstimateRow, Table, csv_bytes};
+use testbed::results::{EstimateRow, Table, csv_bytes, estimate_row};
 use trace::{Instant, TraceRows, TruthInstant, is_spatial};
 use whisker::estimators::{Estimate, Estimator, Knowledge};
 use whisker::events::Signals;

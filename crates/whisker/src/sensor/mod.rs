@@ -96,14 +96,6 @@ pub trait SensorModel: Debug + Send + Sync {
     /// Expected reading of a contact.
     fn reading_n_m(&self, contact: Point<Base>) -> f64;
 
-    /// Writes the expected readings of many contacts, given by their coordinates in Base, equal to those of
-    /// [`Self::reading_n_m`] up to rounding. By default evaluates them one by one.
-    fn readings_n_m(&self, x_m: &[f64], y_m: &[f64], readings_n_m: &mut [f64]) {
-        for ((reading_n_m, &x_m), &y_m) in readings_n_m.iter_mut().zip(x_m).zip(y_m) {
-            *reading_n_m = self.reading_n_m(Point::new(x_m, y_m));
-        }
-    }
-
     /// The stored model, which the registry's `load` restores.
     fn to_json(&self) -> Value;
 
