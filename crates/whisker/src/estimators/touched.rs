@@ -66,7 +66,7 @@ impl TouchedPlaces {
         }
         self.face = face;
         self.forget_latest();
-        self.past_s = None;
+        (self.near, self.past_s) = (None, None);
     }
 
     /// Forgets all places, as of an object that moves.
@@ -93,10 +93,10 @@ impl TouchedPlaces {
         self.now_s += dt_s;
         self.remember(base.apply(contact), sd_m);
         let before_s = self.past_s.take();
-        let (past_m, place) = self.farthest_past(base, contact).filter(|_| sd_m <= CONTACT_SD_M)?;
-        if past_m <= settings.past_m {
+        if sd_m > CONTACT_SD_M {
             return None;
         }
+        let (_, place) = self.farthest_past(base, contact).filter(|(past_m, _)| *past_m > settings.past_m)?;
         let now_s = before_s.map_or(0.0, |before_s| before_s + dt_s);
         self.past_s = Some(now_s);
         (now_s >= settings.past_s && before_s.is_none_or(|before_s| before_s < settings.past_s)).then_some(place)
