@@ -11,7 +11,7 @@ from ._native import Replay, Trial
 #: Half width of a 95 % interval, in standard deviations.
 _NORMAL_95 = 1.959963984540054
 
-#: Colours of the replays, distinguishable with any colour vision: Okabe and Ito, "Color Universal Design", 2008.
+#: Colours of the replays, distinguishable with the common forms of colour blindness: Okabe and Ito, "Color Universal Design", 2008.
 _COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 
 

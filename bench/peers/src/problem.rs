@@ -36,6 +36,9 @@ const WANDER_M_SQRT_S: f64 = 2e-4;
 const START_OFF_M: Vector2<f64> = Vector2::new(2e-3, 1e-3);
 const START_SD_M: f64 = 2e-3;
 
+/// Largest difference between two evaluations of the sensor model, relative to the largest reading.
+const ROUNDING: f64 = 1e-12;
+
 /// Problem. The serialised fields suffice for a program in another language.
 #[derive(Serialize)]
 pub(crate) struct Problem {
@@ -100,13 +103,21 @@ impl Problem {
             steps.push(Step { turn: motion.rotation(), shift_m, reading_n_m });
             truth_m.push(pair[1].base.inverse().apply(contact).vector());
         }
+        let polynomial = Polynomial::of(&model)?;
+        for contact in &truth_m {
+            let mut reading_n_m = [0.0];
+            polynomial.readings_n_m(&[contact.x], &[contact.y], &mut reading_n_m);
+            let expected_n_m = face.model.reading_n_m(Point::from_vector(*contact));
+            let is_equal = (reading_n_m[0] - expected_n_m).abs() <= ROUNDING * face.largest_reading_n_m;
+            anyhow::ensure!(is_equal, "the polynomials differ: found {} N m, expected {expected_n_m}", reading_n_m[0]);
+        }
         Ok(Self {
             trace: sidecar.name,
             start_m: *truth_m.first().context("the trace has no touch")? + START_OFF_M,
             start_m2: START_SD_M * START_SD_M,
             steps,
             truth_m,
-            polynomial: Polynomial::of(&model)?,
+            polynomial,
             model,
             face: face.clone(),
             variance_n2_m2: noise_sd_n_m * noise_sd_n_m + face.heldout_rms_n_m * face.heldout_rms_n_m,

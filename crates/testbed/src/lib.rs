@@ -21,9 +21,8 @@
 //! | [`plausibility`] | tests of a trace that a wrong unit, sign or rate would break |
 //! | [`results`] | files of a run, the only input of the crate `report` |
 //!
-//! [`fit`], [`evaluate`], [`participant`], [`plausibility`], `baseline` and most of [`space`] belong to the feature `evaluation`, which is
-//! on by default. Without it the crate replays and scores single traces, as the Python package does, and takes half as long to
-//! build.
+//! [`fit`], [`evaluate`], [`participant`], [`plausibility`], [`baseline`] and most of [`space`] belong to the feature `evaluation`, which
+//! is on by default. Without it the crate replays and scores single traces, as the Python package does, and builds in less time.
 //!
 //! # Example
 //! A sweep over a pin is replayed through the filter `ekf` and scored. The data are two short golden traces of the simulator; for

@@ -14,7 +14,7 @@
 //!
 //! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
 //! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
-//! unit of `ln s`. If the object moves uniformly with an unknown velocity, whose prior is not that of any estimator, a contact has
+//! unit of `ln s`. If the object moves uniformly with an unknown velocity, with a prior of its own, a contact has
 //! moved by `v t` at the time `t` after the touch.
 
 use filters::product;

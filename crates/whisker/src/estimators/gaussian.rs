@@ -447,7 +447,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
             self.return_to(returned, &mut bank, &corrected, &reading);
-            self.go_back(&mut bank, &corrected, error_sd_n_m, count, innovation);
+            let mut left = std::mem::take(&mut self.left);
+            self.go_back(&mut left, &mut bank, &corrected, &reading, innovation);
+            self.left = left;
             self.search(&mut bank, sample, innovation);
         }
         // The sensitivities are those of one hypothesis; those of another begin as at a touch.
@@ -539,18 +541,37 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
     }
 
-    /// Adds a hypothesis at the place to which the contact may have returned, conditioned on the sample's reading.
+    /// Adds hypotheses at the place to which the contact may have returned, conditioned on the sample's reading.
     fn return_to(&self, place: Option<Point<Base>>, bank: &mut Bank<N>, sample: &Sample, reading: &ContactReading<'_>) {
         let Some(place) = place else { return };
         let mean = self.side.face.along_and_away(place).vector();
         let variances_m2 = Vector2::new(RETURNED_ALONG_SD_M, RETURNED_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
         let place = Gaussian { mean, covariance: Matrix2::from_diagonal(&variances_m2) };
-        let mut there = self.motion.belief(&place);
-        let update = self.config.filter.update(&mut there, reading, &Vector1::new(sample.reading_n_m));
-        self.side.hold(&mut there.mean);
-        if update.is_ok() && there.is_finite() {
-            bank.add([(there, 0.0)], RETURN_SHARE);
+        let conditioned = |(there, log_weight)| {
+            let (there, found) = self.conditioned(there, reading, sample.reading_n_m)?;
+            Some((there, log_weight + self.log_evidence(&found)))
+        };
+        let parts: Vec<_> = self.motion.parts(&place).into_iter().filter_map(conditioned).collect();
+        if !parts.is_empty() {
+            bank.add(parts, RETURN_SHARE);
         }
+    }
+
+    /// The belief conditioned on a reading, with its innovation. `None` without a valid update.
+    fn conditioned(
+        &self,
+        mut belief: Gaussian<N>,
+        reading: &ContactReading<'_>,
+        z_n_m: f64,
+    ) -> Option<(Gaussian<N>, Innovation<1>)> {
+        let found = self.config.filter.update(&mut belief, reading, &Vector1::new(z_n_m)).ok()?;
+        self.side.hold(&mut belief.mean);
+        belief.is_finite().then_some((belief, found))
+    }
+
+    /// Evidence of an innovation for a hypothesis, bounded at the gate.
+    fn log_evidence(&self, found: &Innovation<1>) -> f64 {
+        self.config.evidence_power * robust::log_likelihood(found, self.config.gate_sds)
     }
 
     /// Adds remembered places whose odds of a return exceed 1. `L` is the likelihood of a reading for a contact at the place,
@@ -559,38 +580,28 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     /// Applications 8(1), 1963). The innovations of the bank alone detect a return late: where the base goes back the way that
     /// it came, the bank explains the readings by a displaced contact.
     fn go_back(
-        &mut self,
+        &self,
+        left: &mut [Left<N>],
         bank: &mut Bank<N>,
         sample: &Sample,
-        error_sd_n_m: f64,
-        count: f64,
+        reading: &ContactReading<'_>,
         innovation: Option<Innovation<1>>,
     ) {
-        if self.left.is_empty() || !self.jumps {
-            return;
-        }
-        let log_likelihood = |found: &Innovation<1>| robust::log_likelihood(found, self.config.gate_sds);
-        let (Some(found), Some(most)) = (innovation, bank.most_probable().map(|most| most.belief)) else { return };
-        let (of_bank, z) = (log_likelihood(&found), Vector1::new(sample.reading_n_m));
-        let mut left = std::mem::take(&mut self.left);
-        let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
-        for Left { belief, odds } in &mut left {
-            let mut there = *belief;
-            let update = self.config.filter.update(&mut there, &reading, &z);
-            self.side.hold(&mut there.mean);
-            let Some(found) = update.ok().filter(|_| there.is_finite() && !is_same_place(&belief.mean, &most.mean))
-            else {
+        let Some(found) = innovation.filter(|_| self.jumps) else { return };
+        let Some(most) = bank.most_probable().map(|most| most.belief) else { return };
+        let of_bank = self.log_evidence(&found);
+        for Left { belief, odds } in left {
+            let conditioned = self.conditioned(*belief, reading, sample.reading_n_m);
+            let Some((there, found)) = conditioned.filter(|_| !is_same_place(&belief.mean, &most.mean)) else {
                 *odds = 0.0;
                 continue;
             };
-            let ratio = (self.config.evidence_power * (log_likelihood(&found) - of_bank)).exp();
-            *odds = (*odds + self.config.return_rate * sample.dt_s) * ratio;
+            *odds = (*odds + self.config.return_rate * sample.dt_s) * (self.log_evidence(&found) - of_bank).exp();
             if *odds > 1.0 {
                 bank.add([(there, 0.0)], RETURN_SHARE);
                 *odds = 0.0;
             }
         }
-        self.left = left;
     }
 
     /// Predicts a further sample from a belief, whose covariance is used without propagation: the process noise of a block is small
@@ -651,7 +662,7 @@ const SAME_PLACE_M: f64 = 1e-3;
 const RETURNED_ALONG_SD_M: f64 = 1e-3;
 const RETURNED_AWAY_SD_M: f64 = 0.2e-3;
 
-/// Probability of a place when the odds of a return to it are even.
+/// Probability of a place to which the contact may have returned.
 const RETURN_SHARE: f64 = 0.5;
 
 /// Whether two states have their contacts at the same place.

@@ -256,7 +256,7 @@ struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
     noise_n2_m2: f64,
-    /// `None` for a whisker without equilibria.
+    /// `None` if the parameters of the whisker are not valid.
     elastica: Option<Arc<Elastica>>,
 }
 
@@ -625,15 +625,20 @@ impl AveragingTracker {
     }
 
     /// A place that was touched before and to which the whisker with this contact has come back.
-    fn returned(&mut self, dt_s: f64, estimate: &Estimate) -> Option<Point<Base>> {
+    fn returned(&mut self, dt_s: f64, estimate: Option<&Estimate>) -> Option<Point<Base>> {
         let settings = Some(self.config.second).filter(|settings| settings.past_m > 0.0)?;
-        let sd_m = estimate.covariance_m2?.symmetric_eigenvalues().max().sqrt();
+        let largest_sd_m = |covariance_m2: Matrix2<f64>| covariance_m2.symmetric_eigenvalues().max().sqrt();
+        let known = estimate.and_then(|estimate| Some((estimate.contact, estimate.covariance_m2.map(largest_sd_m)?)));
+        let Some((contact, sd_m)) = known.filter(|(_, sd_m)| sd_m.is_finite()) else {
+            self.touched.interrupt();
+            return None;
+        };
         if self.moving_share() > MAY_MOVE_SHARE {
             self.touched.forget();
         } else if self.second.is_raised() {
             self.touched.forget_latest();
         }
-        self.touched.advance(&settings, dt_s, &self.base, estimate.contact, sd_m)
+        self.touched.advance(&settings, dt_s, &self.base, contact, sd_m)
     }
 
     /// Takes the mean of `count` samples, with the base at the mean pose.
@@ -646,7 +651,7 @@ impl AveragingTracker {
         let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moving_share() > MOVING_SHARE;
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
-        if let Some(place) = together.as_ref().and_then(|estimate| self.returned(sample.dt_s, estimate)) {
+        if let Some(place) = self.returned(sample.dt_s, together.as_ref()) {
             self.second.raise(&self.config.second);
             self.trackers.iter_mut().for_each(|tracker| tracker.expect_return(place));
         }

@@ -7,7 +7,8 @@
 //! ("Continuous inspection schemes", Biometrika 41, 1954): the cumulative sum of the innovations less a drift, or that of their
 //! negatives less the drift, each kept from falling below zero, exceeds a threshold.
 //!
-//! A second contact at a place that was touched before is found without the reading ([`super::touched`]).
+//! At a place that was touched before, a second contact is also found by the shape of the whisker ([`super::touched`]), which needs no
+//! change of the innovations.
 
 use filters::Innovation;
 use serde::{Deserialize, Serialize};
@@ -33,7 +34,7 @@ pub(super) struct SecondSettings {
     pub past_m: f64,
     /// Time (s) for which it must have done so.
     pub past_s: f64,
-    /// Whether the signal also begins a new touch: the contact is then sought anywhere along the whisker, beside the place that
+    /// Whether a signal by the innovations also begins a new touch: the contact is then sought anywhere along the whisker, beside the place that
     /// it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
     /// from corner to corner, it discards what is known.
     pub begins_touch: bool,
@@ -107,14 +108,14 @@ impl Second {
         self.below_sds = (self.below_sds - bounded - drift_sds).max(0.0);
         let is_detected = self.above_sds.max(self.below_sds) > settings.evidence_sds;
         if is_detected {
-            *self = Self { held_s: settings.hold_s, ..Self::default() };
+            self.raise(settings);
         }
         is_detected
     }
 
-    /// Raises the signal.
+    /// Raises the signal and begins the test anew.
     pub(super) fn raise(&mut self, settings: &SecondSettings) {
-        self.held_s = settings.hold_s;
+        *self = Self { held_s: settings.hold_s, ..Self::default() };
     }
 
     /// Whether the signal is raised.

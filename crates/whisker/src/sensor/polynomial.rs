@@ -181,6 +181,7 @@ impl Polynomial {
         &self.coefficients_n_m[..count * (count + 1) / 2]
     }
 
+    /// The arguments of the Chebyshev polynomials. By the reciprocal: a division would change the last digits of all results.
     #[inline(always)]
     fn scaled(&self, x_m: f64, y_m: f64) -> (f64, f64) {
         ((x_m - self.center_m[0]) * (1.0 / self.scale_m[0]), (y_m - self.center_m[1]) * (1.0 / self.scale_m[1]))
