@@ -777,8 +777,9 @@ mod tests {
     use crate::frames::{Point, World};
     use crate::sensor::Face;
 
-    /// Errors of a contact that jumps from one thin object to another after 150 samples and back after 300.
-    fn errors_m(jumps: bool) -> Vec<f64> {
+    /// Errors of a contact that jumps from one thin object to another after 150 samples and back after 300. With `told`, the follower
+    /// learns at the first jump where the contact has gone.
+    fn errors_m(jumps: bool, told: bool) -> Vec<f64> {
         let knowledge = knowledge();
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
         let thin = |arc_m: f64| Circle {
@@ -809,15 +810,30 @@ mod tests {
             let noise_n_m = knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8];
             let motion = base(i.saturating_sub(1)).then(&base(i).inverse());
             let sample = Sample { motion, dt_s: 4e-3, reading_n_m: exact.moment_n_m + noise_n_m };
+            if told && i == 150 {
+                follower.expect_return(motion.inverse().apply(exact.point));
+            }
             follower.step(&sample).map_or(f64::INFINITY, |estimate| estimate.contact.distance(&exact.point))
         };
         (0..330).map(step).collect()
     }
 
+    fn worst_m(errors_m: &[f64]) -> f64 {
+        errors_m.iter().copied().fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn verif_a_place_of_which_the_follower_is_told_is_a_hypothesis_only_if_jumps_are_expected() {
+        let [told, sought] = [true, false].map(|told| errors_m(true, told));
+        assert_eq!(told[..150], sought[..150]);
+        assert!(worst_m(&told[155..300]) < 0.5e-3, "{:?}", &told[150..170]);
+        assert!(worst_m(&sought[155..300]) > 1e-3, "{:?}", &sought[150..170]);
+        assert_eq!(errors_m(false, true), errors_m(false, false));
+    }
+
     #[test]
     fn verif_a_return_to_a_place_that_was_left_is_found_within_a_few_samples() {
-        let [found, sought] = [true, false].map(errors_m);
-        let worst_m = |errors_m: &[f64]| errors_m.iter().copied().fold(0.0, f64::max);
+        let [found, sought] = [true, false].map(|jumps| errors_m(jumps, false));
         assert!(worst_m(&found[140..150]) < 0.2e-3, "{:?}", &found[140..150]);
         assert!(worst_m(&found[290..300]) < 0.2e-3, "{:?}", &found[290..300]);
         // The first jump leads to a place that is not known.

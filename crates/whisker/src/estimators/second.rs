@@ -34,8 +34,8 @@ pub(super) struct SecondSettings {
     pub past_m: f64,
     /// Time (s) for which it must have done so.
     pub past_s: f64,
-    /// Whether a signal by the innovations also begins a new touch: the contact is then sought anywhere along the whisker, beside the place that
-    /// it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
+    /// Whether a signal by the innovations also begins a new touch: the contact is then sought anywhere along the whisker, beside the
+    /// place that it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
     /// from corner to corner, it discards what is known.
     pub begins_touch: bool,
 }

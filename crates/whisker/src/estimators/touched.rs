@@ -148,8 +148,8 @@ impl TouchedPlaces {
         near: Option<Load>,
     ) -> Option<(f64, Point<Base>)> {
         let elastica = self.elastica.as_ref()?;
-        let to_base = base.inverse();
-        let is_apart = |place: &Place| to_base.apply(place.at).distance(&contact) > APART_M;
+        let (to_base, here) = (base.inverse(), base.apply(contact));
+        let is_apart = |place: &Place| place.at.distance(&here) > APART_M;
         if !self.places.iter().any(is_apart) {
             return None;
         }
