@@ -13,6 +13,7 @@ from whisker_sim.documents import to_json
 from whisker_sim.jobs import SUCCESS, WRONG_INPUT, process_executor, run_job
 from whisker_sim.products import product_of, trace_job
 from whisker_sim.random_suite import simulate as random_set
+from whisker_sim.random_suite.contacts import DEPARTURES, HOLLOW_KINDS
 from whisker_sim.random_suite.effects import MISCALIBRATIONS, RATES_HZ
 from whisker_sim.random_suite.movements import MOVEMENTS
 from whisker_sim.random_suite.objects import KINDS
@@ -30,6 +31,7 @@ from whisker_sim.whisker import resolve_whisker
 from conftest import SCENES
 
 HELD_OUT, TRAINING = SCENES / "suites/random.json", SCENES / "suites/random_training.json"
+CONTACTS, TRAINING_CONTACTS = SCENES / "suites/random_contacts.json", SCENES / "suites/random_contacts_training.json"
 IN_SPACE, TRAINING_IN_SPACE = SCENES / "suites/random_space.json", SCENES / "suites/random_space_training.json"
 
 
@@ -41,19 +43,24 @@ def sets_of(path: Path, redrawn: Redrawn | None = None) -> list[Run]:
 def contents(runs: list[Run]) -> list[str]:
     """Hash of what is drawn of each scene, as first drawn, without its names."""
     scenes = (run.scene.draw(0).scene(trace, 0) for run in runs for trace in range(run.scene.traces))
-    drawn = ([scene.object, scene.motion, scene.seed, scene.face, scene.rate_hz, scene.replay] for scene in scenes)
+    keys = ("object", "motion", "seed", "face", "rate_hz", "replay", "friction", "object_velocity_m_s")
+    drawn = ([value for key in keys if (value := getattr(scene, key)) is not msgspec.UNSET] for scene in scenes)
     return [hashlib.sha256(to_json(values)).hexdigest() for values in drawn]
 
 
-def test_verif_settings_and_reports_use_disjoint_scenes():
+@pytest.mark.parametrize(
+    ("for_settings", "for_reports", "counts"),
+    [(TRAINING, HELD_OUT, (600, 1500)), (TRAINING_CONTACTS, CONTACTS, (90, 150))],
+    ids=["ideal", "contacts"],
+)
+def test_verif_settings_and_reports_use_disjoint_scenes(for_settings, for_reports, counts):
     """No scene of the suite for settings occurs in the suite for reports, with the same seed or another, and none occurs twice."""
-    training, held_out = contents(sets_of(TRAINING)), contents(sets_of(HELD_OUT))
-    assert len(set(training)) == len(training) == 600
-    assert len(set(held_out)) == len(held_out) == 1500
+    training, held_out = contents(sets_of(for_settings)), contents(sets_of(for_reports))
+    assert (len(set(training)), len(set(held_out))) == (len(training), len(held_out)) == counts
     assert set(training).isdisjoint(held_out)
-    seeds = {run.scene.seed for run in (*sets_of(TRAINING), *sets_of(HELD_OUT))}
+    seeds = {run.scene.seed for run in (*sets_of(for_settings), *sets_of(for_reports))}
     for seed in (*seeds, 2, 3):
-        assert set(contents(sets_of(TRAINING, Redrawn(seed, 20)))).isdisjoint(held_out)
+        assert set(contents(sets_of(for_settings, Redrawn(seed, 20)))).isdisjoint(held_out)
 
 
 def test_verif_settings_and_reports_use_disjoint_scenes_in_space():
@@ -119,6 +126,29 @@ def test_val_distribution_of_draws():
     assert len(MISCALIBRATIONS) == 7
     standard = np.mean([run.scene.resolved_whisker.name in STANDARD for run in runs])
     assert abs(standard - 0.5) < 0.04
+
+
+def test_val_distribution_of_draws_of_contacts():
+    """Friction, objects that are not convex and objects that move occur as often as their weights state, one at a time."""
+    scenes = [run.scene.draw(0).scene(0, 0) for run in sets_of(CONTACTS, Redrawn(4, 1000))]
+    friction = [scene.friction for scene in scenes if scene.friction_coefficient > 0.0]
+    hollow = [scene for scene in scenes if not scene.object.convex]
+    speeds_m_s = [np.hypot(*scene.object_velocity_m_s) for scene in scenes if scene.object_velocity_m_s is not msgspec.UNSET]
+    assert len(friction) + len(hollow) + len(speeds_m_s) == len(scenes)
+    total = sum(weight for weight, _ in DEPARTURES)
+    for found, (weight, _) in zip((friction, hollow, speeds_m_s), DEPARTURES, strict=True):
+        assert abs(len(found) / len(scenes) - weight / total) < 0.05
+    assert {scene.shape for scene in hollow} == set(HOLLOW_KINDS)
+    assert 0.05 <= min(friction) < 0.1 < 0.5 < max(friction) <= 0.6
+    assert 1.9e-4 < min(speeds_m_s) < 3e-4 < 1e-3 < max(speeds_m_s) < 2.1e-3
+
+
+def test_robust_contacts_in_space_are_ideal(tmp_path, capsys):
+    """A random suite in space refuses contacts that are not ideal."""
+    path = tmp_path / "wrong.json"
+    path.write_text('{"format": 1, "name": "wrong", "random": {"seed": 1, "sets": 1, "in_space": true, "ideal": false}}')
+    assert main(["check", str(path)]) == WRONG_INPUT
+    assert "ideal: expected true in space, found false" in capsys.readouterr().err
 
 
 def test_verif_random_whiskers_and_their_calibrations_are_valid():

@@ -19,9 +19,10 @@ from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Job, Outcome
 from whisker_sim.progress import part
 from whisker_sim.random_suite import simulate as random_set
 from whisker_sim.random_suite import simulate_space as random_spatial_set
+from whisker_sim.random_suite.contacts import RandomContactSet
 from whisker_sim.random_suite.picture import RandomSetRenderer, SpatialSetRenderer
+from whisker_sim.random_suite.plane import RandomSet
 from whisker_sim.random_suite.space import SpatialRandomSet
-from whisker_sim.random_suite.suite import RandomSet
 from whisker_sim.render import Renderer, check_format, is_rendered, render, render_set, replayed_sweep
 from whisker_sim.runs import Run, set_name
 from whisker_sim.scene import Scene
@@ -51,6 +52,15 @@ class Product(NamedTuple):
     """Model in its start pose, for export."""
 
 
+_OF_RANDOM_SETS = Product(
+    random_set.simulate_set,
+    random_set.write_set,
+    random_set.is_set_up_to_date,
+    RandomSetRenderer,
+    lambda _, traces: replayed_sweep(traces[0].run, traces[0].simulated),
+    lambda run: sweep_at_start(random_set.first_trace(run)),
+)
+
 PRODUCTS: dict[type, Product] = {
     Scene: Product(simulate, trace.write_trace, trace.is_up_to_date, SweepRenderer, replayed_sweep, sweep_at_start),
     ArmScene: Product(
@@ -59,14 +69,8 @@ PRODUCTS: dict[type, Product] = {
     SpatialScene: Product(
         simulate_in_space, write_spatial_trace, is_spatial_up_to_date, SpatialRenderer, replayed_in_space, space_at_start
     ),
-    RandomSet: Product(
-        random_set.simulate_set,
-        random_set.write_set,
-        random_set.is_set_up_to_date,
-        RandomSetRenderer,
-        lambda _, traces: replayed_sweep(traces[0].run, traces[0].simulated),
-        lambda run: sweep_at_start(random_set.first_trace(run)),
-    ),
+    RandomSet: _OF_RANDOM_SETS,
+    RandomContactSet: _OF_RANDOM_SETS,
     SpatialRandomSet: Product(
         random_spatial_set.simulate_spatial_set,
         random_spatial_set.write_spatial_set,

@@ -10,8 +10,9 @@ import msgspec
 from whisker_sim.arm.scene import ArmScene
 from whisker_sim.documents import located, read_document, read_json
 from whisker_sim.errors import InputError
+from whisker_sim.random_suite.plane import RandomSet
 from whisker_sim.random_suite.space import SpatialRandomSet
-from whisker_sim.random_suite.suite import RandomSet, RandomSuite
+from whisker_sim.random_suite.suite import RandomSuite
 from whisker_sim.scene import Format, Scene, Seed, Simulation
 from whisker_sim.space.scene import SpatialScene
 from whisker_sim.whisker import Name

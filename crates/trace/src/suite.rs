@@ -52,6 +52,9 @@ pub struct RandomDraws {
     /// Whether the scenes are scenes in space, whose whiskers are the presets.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub in_space: bool,
+    /// Whether the contacts are without friction, on convex objects at rest. `None` for the generator's default, `true`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ideal: Option<bool>,
 }
 
 impl RandomDraws {

@@ -23,8 +23,8 @@ import numpy as np
 
 from whisker_sim.certificate import Certificate, certify
 from whisker_sim.errors import SimulationError, WhiskerSimError
+from whisker_sim.random_suite.plane import DrawnSet
 from whisker_sim.random_suite.space import DrawnSpatialSet
-from whisker_sim.random_suite.suite import DrawnSet
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
 from whisker_sim.simulate import Simulated, simulate

@@ -1,18 +1,14 @@
 //! Certainty on scenes that no setting was chosen on: the random suite, and pins with a calibration that is off.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use testbed::metrics::{Metric, bound, consistency, contour, doubt, error};
+use testbed::metrics::{Metric, bound, consistency, contour, error};
 use testbed::results::TrialRow;
 use testbed::statistics::{mean, median, quantile};
-use trace::Sidecar;
 
-use super::{Claim, Context, Evaluation, RECOMMENDED, friction, hollow};
+use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share, sidecar};
+use super::{Claim, Context, RECOMMENDED, contacts, friction, hollow};
 
-/// Run of the random suite, and the folder of its traces.
+/// Run of the random suite.
 const RANDOM: &str = "random";
-const TRACES: &str = "datasets/random";
 
 /// Run of the standard suite's pins with miscalibrations.
 const MISCALIBRATED: &str = "miscalibrated";
@@ -23,7 +19,7 @@ const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("8", "random_doub
 /// Runs of the claims on certainty: those of this topic, and those of contacts with friction and of objects that are not convex or
 /// move.
 pub(super) const RUNS: &[&str] =
-    &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, friction::RUN, hollow::RUN];
+    &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, contacts::RUN, friction::RUN, hollow::RUN];
 
 /// Shapes with corners; a plate is met at its edge.
 const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];
@@ -37,64 +33,18 @@ const SMALL_RADIUS_M: f64 = 6e-3;
 /// Mean distance of an accurate outline.
 const OUTLINE_M: f64 = 0.05e-3;
 
-/// Coverage below which a set is overconfident, and below which the signal of doubt has to find it.
-const LEAST_COVERAGE: f64 = 0.8;
-const MISSED_COVERAGE: f64 = 0.6;
-
-/// Time within which it has to find it.
-const DOUBT_WITHIN_S: f64 = 2.0;
-
 pub(super) fn claims() -> Vec<Claim> {
     let parts = [coverage(), errors(), outlines(), small_circles(), lift_offs(), doubts(), miscalibrations()];
     parts.into_iter().flatten().collect()
 }
 
-/// A set of the random suite: the trials of `recommended` on one object.
-struct Set<'a> {
-    trials: Vec<&'a TrialRow>,
-}
-
-impl Set<'_> {
-    fn object(&self) -> &str {
-        &self.trials[0].head.object
-    }
-
-    fn is_polygon(&self) -> bool {
-        POLYGONS.contains(&self.object())
-    }
-
-    fn mean(&self, metric: &Metric) -> Option<f64> {
-        mean(self.trials.iter().filter_map(|trial| trial.get(metric)))
-    }
-
-    fn coverage(&self) -> Option<f64> {
-        self.mean(&consistency::COVERAGE)
-    }
-
-    /// Scene of the first trace.
-    fn sidecar(&self) -> anyhow::Result<Sidecar> {
-        Ok(Sidecar::read(&Path::new(TRACES).join(format!("{}.csv", self.trials[0].head.trace)))?)
-    }
-}
-
 /// The sets of the random suite.
 fn sets(context: &Context) -> Vec<Set<'_>> {
-    sets_of(context, RANDOM)
+    sets_of(context, RANDOM, RANDOM)
 }
 
-/// The sets of a run of the random suite.
-fn sets_of<'a>(context: &'a Context, run: &str) -> Vec<Set<'a>> {
-    let Evaluation { trials, .. } = context.run(run);
-    let mut by_group: BTreeMap<&str, Vec<&TrialRow>> = BTreeMap::new();
-    for trial in trials.iter().filter(|trial| trial.head.estimator == RECOMMENDED) {
-        by_group.entry(&trial.head.group).or_default().push(trial);
-    }
-    by_group.into_values().map(|trials| Set { trials }).collect()
-}
-
-/// Share (%) of values that meet a condition. `None` if there are none.
-fn share<T>(values: impl IntoIterator<Item = T>, condition: impl Fn(&T) -> bool) -> Option<f64> {
-    mean(values.into_iter().map(|value| f64::from(condition(&value)))).map(|share| 100.0 * share)
+fn is_polygon(set: &Set<'_>) -> bool {
+    POLYGONS.contains(&set.object())
 }
 
 fn about(what: &str) -> String {
@@ -102,8 +52,7 @@ fn about(what: &str) -> String {
 }
 
 fn coverage() -> Vec<Claim> {
-    let all =
-        |context: &Context| Ok(mean(sets(context).iter().filter_map(Set::coverage)).map(|coverage| 100.0 * coverage));
+    let all = |context: &Context| Ok(coverage_of(&sets(context)));
     let ellipses = about("stated 95 % ellipses that hold the truth, mean over sets");
     vec![
         Claim::at_least("random_coverage_low".into(), ellipses.clone(), 88.0, "%", all),
@@ -113,7 +62,7 @@ fn coverage() -> Vec<Claim> {
             about("sets in which fewer than 80 % of the ellipses hold the truth"),
             3.0,
             "%",
-            |context| Ok(share(sets(context).iter().filter_map(Set::coverage), |coverage| *coverage < LEAST_COVERAGE)),
+            |context| Ok(overconfident(&sets(context))),
         ),
         Claim::at_least(
             "random_answered".into(),
@@ -131,7 +80,7 @@ fn coverage() -> Vec<Claim> {
 /// in which no estimate is expected.
 fn trials(context: &Context, polygons: bool) -> Vec<&TrialRow> {
     let is_scorable = |trial: &&TrialRow| trial.get(&error::RMSE).is_some() || trial.head.missing > 0;
-    let of_kind = sets(context).into_iter().filter(|set| set.is_polygon() == polygons);
+    let of_kind = sets(context).into_iter().filter(|set| is_polygon(set) == polygons);
     of_kind.flat_map(|set| set.trials).filter(is_scorable).collect()
 }
 
@@ -143,8 +92,7 @@ fn possible(context: &Context, polygons: bool) -> impl Iterator<Item = &TrialRow
 
 /// Whether the calibration of a trial is exact.
 fn is_exact(trial: &TrialRow) -> anyhow::Result<bool> {
-    let sidecar = Sidecar::read(&Path::new(TRACES).join(format!("{}.csv", trial.head.trace)))?;
-    Ok(sidecar.replay.is_none_or(|effects| effects.miscalibration.is_none()))
+    Ok(sidecar(RANDOM, trial)?.replay.is_none_or(|effects| effects.miscalibration.is_none()))
 }
 
 /// Whether the steady error of a trial is too large, or too many of its estimates are missing.
@@ -277,7 +225,7 @@ fn small_circles() -> Vec<Claim> {
             about("circles of 1 to 6 mm: stated 95 % ellipses that hold the truth"),
             88.0,
             "%",
-            |context| Ok(mean(small(context)?.iter().filter_map(Set::coverage)).map(|coverage| 100.0 * coverage)),
+            |context| Ok(coverage_of(&small(context)?)),
         ),
     ]
 }
@@ -304,37 +252,20 @@ fn lift_offs() -> Vec<Claim> {
     )]
 }
 
-/// Share (%) of the trials of overconfident sets of a run that are in doubt in time.
-fn doubt_found(context: &Context, run: &str) -> Option<f64> {
-    let missed =
-        sets_of(context, run).into_iter().filter(|set| set.coverage().is_some_and(|share| share < MISSED_COVERAGE));
-    let is_found = |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
-    share(missed.flat_map(|set| set.trials), is_found)
-}
-
-/// Alarms per minute of contact in the sets of a run whose certainty is not overstated.
-fn doubt_false_per_min(context: &Context, run: &str) -> Option<f64> {
-    let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= LEAST_COVERAGE);
-    let good: Vec<&TrialRow> = sets_of(context, run).into_iter().filter(is_good).flat_map(|set| set.trials).collect();
-    let total = |metric: &Metric| good.iter().filter_map(|trial| trial.get(metric)).sum::<f64>();
-    let minutes = total(&doubt::CONTACT_TIME) / 60.0;
-    (minutes > 0.0).then(|| total(&doubt::ALARMS) / minutes)
-}
-
 fn doubts() -> Vec<Claim> {
     let found = about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s");
     let alarms = about("signals of doubt per minute of contact, in sets with a coverage of at least 80 %");
     let at_threshold = |id: &str, what: &str, run: &'static str| {
         [
             Claim::at_least(format!("random_doubt_found{id}"), format!("{found}{what}"), 90.0, "%", move |context| {
-                Ok(doubt_found(context, run))
+                Ok(doubt_found(sets_of(context, run, RANDOM)))
             }),
             Claim::at_most(
                 format!("random_doubt_false{id}"),
                 format!("{alarms}{what}"),
                 0.02,
                 "per minute",
-                move |context| Ok(doubt_false_per_min(context, run)),
+                move |context| Ok(doubt_false_per_min(sets_of(context, run, RANDOM))),
             ),
         ]
     };

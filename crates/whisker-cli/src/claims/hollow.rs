@@ -9,7 +9,7 @@ use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
 pub(super) const RUN: &str = "hollow";
 
 /// Objects that are not convex.
-const HOLLOW: [&str; 5] = ["l", "star", "cup", "discs", "step"];
+pub(super) const HOLLOW: [&str; 5] = ["l", "star", "cup", "discs", "step"];
 
 /// Objects that move, with their speeds in mm/s.
 const MOVING: [(&str, &str); 6] = [

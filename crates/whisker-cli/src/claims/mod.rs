@@ -5,6 +5,7 @@
 mod arm;
 mod certainty;
 mod contact_events;
+mod contacts;
 mod contours;
 mod determinism;
 mod friction;
@@ -17,6 +18,7 @@ mod noiseless;
 mod pins;
 mod real;
 mod sensor_model;
+mod sets;
 mod space;
 mod space_random;
 mod space_recordings;
@@ -136,7 +138,7 @@ pub const SETS: &[ClaimSet] = &[
     },
     ClaimSet {
         name: "certainty",
-        topics: &[certainty::claims, friction::claims, hollow::claims],
+        topics: &[certainty::claims, contacts::claims, friction::claims, hollow::claims],
         runs: certainty::RUNS,
         figures: &[],
     },
