@@ -160,8 +160,8 @@ impl Trial {
         let knowledge = knowledge(sidecar, &faces, total_noise(added_sd_n_m, sensor, sidecar));
         let sensor = sensor.cloned();
         let (samples, touched, ground_truth) = py.detach(|| {
-            let samples = samples(recording, &readings_n_m);
-            let touched = touched(touch, &knowledge, &samples);
+            let mut samples = samples(recording, &readings_n_m);
+            let touched = touched(touch, &knowledge, &mut samples);
             (samples, touched, GroundTruth::new(&read.trace, read.outline.as_ref(), &knowledge.rest))
         });
         let events = Events::of(&read.trace, &touched);

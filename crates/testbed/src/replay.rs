@@ -149,10 +149,16 @@ pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) ->
     samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// Output of the contact detector at each sample: the face in contact, or `None` while the whisker is free.
-pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) -> Vec<Option<Face>> {
+/// Output of the contact detector at each sample: the face in contact, or `None` while the whisker is free. Subtracts the rest reading
+/// from the samples.
+pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &mut [Sample]) -> Vec<Option<Face>> {
     let mut detector = ContactDetector::new(touch, &knowledge.sensing());
-    samples.iter().map(|sample| detector.step(sample.reading_n_m, sample.dt_s)).collect()
+    let sense = |sample: &mut Sample| {
+        let touched = detector.step(sample.reading_n_m, sample.dt_s);
+        sample.reading_n_m -= detector.rest_n_m();
+        touched
+    };
+    samples.iter_mut().map(sense).collect()
 }
 
 /// Result of a replay.

@@ -1,16 +1,16 @@
 //! Settings over their defaults, by name.
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde_json::Value;
+use whisker::estimators::with_defaults;
 
-/// Settings over their defaults. Keys that the defaults lack are kept, so that parsing rejects them by name.
+/// Settings over their defaults ([`with_defaults`]).
 ///
 /// # Errors
 /// If the settings are not a JSON object.
-pub fn merged(mut defaults: Value, overrides: &Value) -> anyhow::Result<Value> {
+pub fn merged(defaults: Value, overrides: &Value) -> anyhow::Result<Value> {
     let Some(overrides) = overrides.as_object() else {
         bail!("settings: found {overrides}, expected a JSON object");
     };
-    defaults.as_object_mut().context("defaults are a JSON object")?.extend(overrides.clone());
-    Ok(defaults)
+    Ok(with_defaults(overrides, defaults))
 }

@@ -39,8 +39,8 @@ fn replay_of(script: &str, timeout: Duration, knowledge: &Arc<Knowledge>) -> Rep
     let path = folder.path().join("script");
     fs::write(&path, script).unwrap();
     let program = Program::new(&format!("sh {}", path.display()), timeout).unwrap();
-    let samples = trial(knowledge);
-    let touched = touched(TouchConfig::default(), knowledge, &samples);
+    let mut samples = trial(knowledge);
+    let touched = touched(TouchConfig::default(), knowledge, &mut samples);
     let task = Task { knowledge, samples: &samples, touched: &touched, trace: "secret", seed: 1 };
     let replay = program.replay(&task).unwrap();
     assert_eq!(replay.estimates.len(), samples.len());
@@ -242,8 +242,8 @@ fn robust_a_program_that_does_not_start_is_reported() {
 #[test]
 fn verif_a_registered_participant_returns_the_estimates_of_its_estimator() {
     let knowledge = world::knowledge(NOISE_N_M);
-    let samples = trial(&knowledge);
-    let touched = touched(TouchConfig::default(), &knowledge, &samples);
+    let mut samples = trial(&knowledge);
+    let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
     let task = Task { knowledge: &knowledge, samples: &samples, touched: &touched, trace: "exam", seed: 1 };
     let replay = Registered::new("ekf", &json!({})).unwrap().replay(&task).unwrap();
     let row = estimators::estimator("ekf").unwrap();

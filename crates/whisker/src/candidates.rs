@@ -1,7 +1,5 @@
 //! Candidates of model averages, common to those of the plane and of space.
 
-use serde_json::{Map, Value};
-
 use crate::settings::{SettingsError, within};
 
 /// Least probability of the candidates with an estimate for which there is one of the mixture.
@@ -30,12 +28,4 @@ pub(crate) fn check(candidates: &[(&str, f64)], most: usize) -> Result<(), Setti
         }
     }
     Ok(())
-}
-
-/// Default settings of a method with those of a candidate in their place.
-pub(crate) fn extended(mut defaults: Value, own: &Map<String, Value>) -> Value {
-    if let Some(all) = defaults.as_object_mut() {
-        all.extend(own.clone());
-    }
-    defaults
 }

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use strict_json::list_for_object;
 
 /// Error of invalid settings.
@@ -34,6 +34,25 @@ pub trait Settings: DeserializeOwned + Serialize {
     fn validate(&self) -> Result<(), SettingsError>;
 }
 
+/// Key by which objects of several kinds are told apart.
+const KIND: &str = "kind";
+
+/// Settings over their defaults: a key that the settings lack, at any depth, has its default. An object of another `kind` than that
+/// of the defaults replaces it as a whole. Keys that the defaults lack are kept, so that parsing rejects them by name.
+pub fn with_defaults(settings: &Map<String, Value>, mut defaults: Value) -> Value {
+    let Some(all) = defaults.as_object_mut() else { return Value::Object(settings.clone()) };
+    if settings.get(KIND).is_some_and(|kind| all.get(KIND) != Some(kind)) {
+        return Value::Object(settings.clone());
+    }
+    for (key, value) in settings {
+        match (all.get_mut(key), value) {
+            (Some(default @ Value::Object(_)), Value::Object(own)) => *default = with_defaults(own, default.take()),
+            _ => _ = all.insert(key.clone(), value.clone()),
+        }
+    }
+    defaults
+}
+
 /// Parses and validates settings from JSON.
 ///
 /// # Errors
@@ -57,4 +76,27 @@ pub fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Resu
         return Ok(());
     }
     Err(SettingsError::Range { key, found, expected: format!("{} to {}", range.start(), range.end()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn verif_keys_that_settings_lack_have_their_defaults_at_any_depth() {
+        let defaults = json!({"gate": 5, "filter": {"share": 0.8, "start": {"kind": "several", "count": 16}}});
+        let with = |settings: Value| with_defaults(settings.as_object().unwrap(), defaults.clone());
+        assert_eq!(with(json!({})), defaults);
+        assert_eq!(
+            with(json!({"filter": {"start": {"count": 4}}})),
+            json!({"gate": 5, "filter": {"share": 0.8, "start": {"kind": "several", "count": 4}}})
+        );
+        assert_eq!(
+            with(json!({"filter": {"start": {"kind": "one"}, "unknown": 1}})),
+            json!({"gate": 5, "filter": {"share": 0.8, "start": {"kind": "one"}, "unknown": 1}})
+        );
+        assert_eq!(with(json!({"filter": 3})), json!({"gate": 5, "filter": 3}));
+    }
 }

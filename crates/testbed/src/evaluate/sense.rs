@@ -23,7 +23,7 @@ pub(super) struct Sensed<'a> {
     pub(super) trace: Cow<'a, Trace>,
     /// Readings with measurement noise.
     pub(super) readings_n_m: Vec<f64>,
-    /// Motion and reading at each instant.
+    /// Motion and reading, less the rest reading, at each instant.
     pub(super) samples: Vec<Sample>,
     /// Standard deviation of all measurement noise.
     pub(super) noise_sd_n_m: f64,
@@ -55,7 +55,7 @@ impl<'a> TrialJob<'a> {
             (None, None) => Cow::Borrowed(&loaded.trace),
         };
         let readings_n_m = self.readings_n_m()?;
-        let (samples, ground_truth) = match &trace {
+        let (mut samples, ground_truth) = match &trace {
             Cow::Borrowed(_) => (with_readings(&loaded.motions, &readings_n_m), Cow::Borrowed(&loaded.ground_truth)),
             Cow::Owned(measured) => {
                 let rest = measured.sidecar.whisker.rest_shape();
@@ -68,7 +68,7 @@ impl<'a> TrialJob<'a> {
         let noise_sd_n_m = prepared.noise_sd_n_m(spec, noise);
         let faces = read_by(spec.sensor.as_ref(), prepared.calibration(spec).faces(None));
         let knowledge = knowledge(&trace.sidecar, &faces, noise_sd_n_m);
-        let touched = touched(self.settings.touch, &knowledge, &samples);
+        let touched = touched(self.settings.touch, &knowledge, &mut samples);
         let events = Events::of(&trace, &touched);
         Ok(Sensed { trace, readings_n_m, samples, noise_sd_n_m, knowledge, touched, events, bound, ground_truth })
     }

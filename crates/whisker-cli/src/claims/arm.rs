@@ -360,8 +360,8 @@ fn contact_errors_m(
     let readings_n_m: Vec<f64> = sweep.readings_n_m.iter().map(noisy).collect();
     let row = estimators::estimator(RECOMMENDED).context("a registered estimator")?;
     let knowledge = knowledge(sidecar, faces, noise_sd_n_m);
-    let samples = samples(&window.trace.recording, &readings_n_m);
-    let touched = touched(TouchConfig::default(), &knowledge, &samples);
+    let mut samples = samples(&window.trace.recording, &readings_n_m);
+    let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
     let mut runner = runner(row, &(row.defaults)(), &knowledge, &sidecar.name, seed)?;
     let estimates = replay(&mut runner, &samples, &touched).estimates;
     let error_m = |&row: &usize| Some(estimates[row].as_ref()?.contact.distance(&sweep.contacts[row]?));

@@ -111,11 +111,12 @@ fn final_offsets(
         .map(|(trace, contact, samples)| {
             let sidecar = &trace.sidecar;
             let knowledge = knowledge(sidecar, &faces, 0.0);
-            let touched = touched(TouchConfig::default(), &knowledge, samples);
+            let mut samples = samples.clone();
+            let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
             let last_base = trace.recording.instants[samples.len() - 1].base;
             let offset = |seed| {
                 let mut runner = runner(row, &config, &knowledge, &sidecar.name, seed)?;
-                let estimates = replay(&mut runner, samples, &touched).estimates;
+                let estimates = replay(&mut runner, &samples, &touched).estimates;
                 let last = estimates.last().copied().flatten().context("an ideal contact is followed to the end")?;
                 Ok(last_base.apply(last.contact).vector() - contact.vector())
             };

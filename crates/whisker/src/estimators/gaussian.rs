@@ -495,8 +495,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
     }
 
-    /// Adds hypotheses at other places if the innovations are larger than stated. A contact near the tip that is lost
-    /// has left the whisker's side; it is not sought before the next touch.
+    /// Adds hypotheses at other places if the innovations are larger than stated. A contact that is lost beyond the calibrated part of
+    /// the whisker, where its place is known less well, has left the whisker's side at the tip; it is not sought before the next touch.
     fn search(&mut self, bank: &mut Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) {
         let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return };
         if !self.doubt.next(&self.config.search, sample.dt_s, nis.min(self.config.gate_sds.powi(2))) {
@@ -505,7 +505,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let Some(belief) = bank.moments_above(self.config.ignored_share) else { return };
         let sd_m = belief.covariance[(0, 0)].max(0.0).sqrt();
         let reach_m = self.side.bent_arc_m(AlongAway::of_state(&belief.mean)) + TIP_SDS * sd_m;
-        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= self.side.face.rest.length_m() {
+        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= self.side.face.domain.arc_range_m().1 {
             self.is_lost = true;
         } else {
             self.leave();

@@ -36,7 +36,7 @@ pub(crate) mod testing;
 mod touched;
 mod unscented;
 
-pub use crate::settings::{Settings, SettingsError, parse, within};
+pub use crate::settings::{Settings, SettingsError, parse, with_defaults, within};
 pub use base_noise::BaseNoise;
 pub use shares::ModelShares;
 
@@ -581,8 +581,14 @@ impl Estimator {
 
     /// See [`Runner::step`].
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let (sample, touched) = self.sense(sample);
+        self.runner.step(&sample, touched)
+    }
+
+    /// The sample less the rest reading, and the side on which the object lies.
+    fn sense(&mut self, sample: &Sample) -> (Sample, Option<Face>) {
         let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-        self.runner.step(sample, touched)
+        (Sample { reading_n_m: sample.reading_n_m - self.detector.rest_n_m(), ..*sample }, touched)
     }
 
     /// See [`Runner::run`].
@@ -597,8 +603,8 @@ impl Estimator {
 
     /// See [`Runner::push`].
     pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
-        let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-        self.runner.push(sample, touched, estimates);
+        let (sample, touched) = self.sense(sample);
+        self.runner.push(&sample, touched, estimates);
     }
 
     /// See [`Runner::end`].

@@ -39,12 +39,12 @@ use super::{
     Ahead, ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint,
     Radius, Sample, Touch, Tracker, estimator,
 };
-use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
+use crate::candidates::{LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
 use crate::elastica::Elastica;
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
-use crate::settings::{Settings, SettingsError, parse, within};
+use crate::settings::{Settings, SettingsError, parse, with_defaults, within};
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -215,7 +215,7 @@ pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     // Settings that are not given are those of hindsight.
     let config = match config.as_object() {
-        Some(own) => parse::<Config>(&extended(super::to_json(&Config::hindsight()), own))?,
+        Some(own) => parse::<Config>(&with_defaults(own, super::to_json(&Config::hindsight())))?,
         None => parse(config)?,
     };
     // Revised estimates are those of single samples.
@@ -226,7 +226,7 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let candidate = |candidate: &Candidate| {
         let row = row_of(&candidate.name, looks_back)?;
-        let settings = extended((row.defaults)(), &candidate.settings);
+        let settings = with_defaults(&candidate.settings, (row.defaults)());
         Ok((row.name, (row.build)(&settings, knowledge)?))
     };
     let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
@@ -245,6 +245,9 @@ const CARRYING_SHARE: f64 = 1e-6;
 
 /// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
+
+/// Probability of a moving object above which beliefs about one at rest do not last beyond a touch.
+const LIKELY_MOVES_SHARE: f64 = 0.5;
 
 /// Probability of a moving object above which the places that were touched may have moved too.
 const MAY_MOVE_SHARE: f64 = 0.1;
@@ -569,10 +572,13 @@ impl AveragingTracker {
         self.blocks.alert(&self.config.block);
     }
 
-    /// Begins a new touch. Candidates that keep no belief of the object begin anew.
+    /// Begins a new touch. Candidates that keep no belief of the object begin anew, and if the object moves, all that assume one at
+    /// rest: it is no longer where they believe it to be.
     fn begin_again_with(&mut self, touch: &Touch<'_>) {
+        let moves = self.moving_share() > LIKELY_MOVES_SHARE;
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
-            if !tracker.resume(touch) {
+            let holds = tracker.assumes_motion() || !moves;
+            if !(holds && tracker.resume(touch)) {
                 *tracker = method.begin(touch);
             }
         }

@@ -9,6 +9,9 @@
 //! as missing. A recording without a clock has the nominal rate that it is given; if that is too low for the whisker's
 //! first mode, detectors use the reading itself.
 //!
+//! A sensor's offset is learnt from the free whisker at the start of a recording ([`ContactDetector::rest_n_m`]). Meanwhile a touch is
+//! detected only if its reading is larger than an offset.
+//!
 //! Contact at the tip follows from an estimate of the contact, not from the reading: see
 //! [`Estimate::at_tip`](crate::estimators::Estimate::at_tip).
 //!
@@ -18,6 +21,7 @@ mod background_rms;
 mod band_pass;
 mod first_mode;
 mod median;
+mod rest;
 mod ring_compensated;
 
 use std::fmt::Debug;
@@ -29,6 +33,7 @@ use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 use crate::face::Face;
 use crate::settings::SettingsError;
 use crate::{ReadingGate, Whisker};
+use rest::Rest;
 
 pub use first_mode::FirstMode;
 
@@ -165,6 +170,7 @@ pub trait Rule: Debug + Send {
 #[derive(Debug)]
 pub struct ContactDetector {
     rule: Box<dyn Rule>,
+    rest: Rest,
     gate: ReadingGate,
     rate_hz: f64,
     last: Option<(f64, Signals)>,
@@ -176,7 +182,13 @@ impl ContactDetector {
     /// A detector with these settings, adapted to the sensor.
     pub fn new(config: TouchConfig, sensing: &Sensing) -> Self {
         let gate = ReadingGate::new(sensing.largest_reading_n_m);
-        Self { rule: config.rule(sensing), gate, rate_hz: sensing.rate_hz, last: None, gated_s: 0.0 }
+        let rule = config.rule(sensing);
+        Self { rule, rest: Rest::new(sensing), gate, rate_hz: sensing.rate_hz, last: None, gated_s: 0.0 }
+    }
+
+    /// Reading of the free whisker, which the sensor's offset causes; estimators take readings less this one. 0 before it is known.
+    pub fn rest_n_m(&self) -> f64 {
+        self.rest.rest_n_m()
     }
 
     /// Takes the next reading, `dt_s` after the last, and returns the side on which the object lies. `None` while the
@@ -192,6 +204,12 @@ impl ContactDetector {
             return self.signals();
         }
         let dt_s = dt_s + std::mem::take(&mut self.gated_s);
+        let may_be_rest = self.rest.is_learning(reading_n_m, dt_s);
+        if may_be_rest && self.rest_n_m() != 0.0 {
+            // What the rule has seen so far was off.
+            self.last = None;
+        }
+        let reading_n_m = reading_n_m - self.rest_n_m();
         let known = self.last.filter(|_| dt_s <= LONGEST_GAP_S);
         let signals = match known {
             None => {
@@ -207,6 +225,7 @@ impl ContactDetector {
                 signals
             }
         };
+        let signals = Signals { touched: signals.touched.filter(|_| !may_be_rest), ..signals };
         self.last = Some((reading_n_m, signals));
         signals
     }

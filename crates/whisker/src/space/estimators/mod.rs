@@ -120,8 +120,8 @@ impl TouchDetector {
         }
     }
 
-    /// Takes the next sample in the order of time. Returns it with the motion and duration of the gated ones before it, and whether
-    /// the whisker touches. `None` if its reading is gated.
+    /// Takes the next sample in the order of time. Returns it less the rest reading, with the motion and duration of the gated ones
+    /// before it, and whether the whisker touches. `None` if its reading is gated.
     pub fn step(&mut self, sample: &Sample) -> Option<(Sample, bool)> {
         let missed = self.missed.take();
         let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
@@ -131,10 +131,11 @@ impl TouchDetector {
             self.missed = Some((motion, dt_s));
             return None;
         }
-        let sample = Sample { motion, dt_s, reading_n_m: sample.reading_n_m };
+        let mut sample = Sample { motion, dt_s, reading_n_m: sample.reading_n_m };
         let mut touches = false;
-        for (detector, moment_n_m) in self.detectors.iter_mut().zip(sample.reading_n_m.iter()) {
+        for (detector, moment_n_m) in self.detectors.iter_mut().zip(sample.reading_n_m.iter_mut()) {
             touches |= detector.step(*moment_n_m, dt_s).is_some();
+            *moment_n_m -= detector.rest_n_m();
         }
         Some((sample, touches))
     }

@@ -16,9 +16,9 @@ use serde_json::{Map, Value};
 
 use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
-use crate::candidates::{LEAST_KNOWN, check, extended, refused, unknown};
+use crate::candidates::{LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
-use crate::settings::{Settings, SettingsError, within};
+use crate::settings::{Settings, SettingsError, with_defaults, within};
 
 /// Largest number of candidates.
 const MOST: usize = 16;
@@ -96,7 +96,7 @@ impl ModelAveraging {
             if !matches!(row.kind, Kind::Fit(_)) {
                 return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
             }
-            row.kind.method(&extended(row.defaults(), &candidate.settings))
+            row.kind.method(&with_defaults(&candidate.settings, row.defaults()))
         };
         let methods = config.candidates.iter().map(method).collect::<Result<_, _>>()?;
         Ok(Self { config: Arc::new(config), methods })
