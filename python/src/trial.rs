@@ -15,7 +15,9 @@ use testbed::bound::{Deviations, TraceBound};
 use testbed::contact_events::Events;
 use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig, Mounting, Reading};
 use testbed::metrics::{self, GroundTruth, METRICS, Scored, Scores};
-use testbed::replay::{check_calibration, knowledge, noise_sd_n_m as total_noise, read_by, runner, samples, touched};
+use testbed::replay::{
+    check_calibration, detect_contact, knowledge, noise_sd_n_m as total_noise, read_by, runner, samples,
+};
 
 use crate::arrays::{Numbers, column, structured, texts};
 use crate::calibration::Calibration;
@@ -161,7 +163,7 @@ impl Trial {
         let sensor = sensor.cloned();
         let (samples, touched, ground_truth) = py.detach(|| {
             let mut samples = samples(recording, &readings_n_m);
-            let touched = touched(touch, &knowledge, &mut samples);
+            let touched = detect_contact(touch, &knowledge, &mut samples);
             (samples, touched, GroundTruth::new(&read.trace, read.outline.as_ref(), &knowledge.rest))
         });
         let events = Events::of(&read.trace, &touched);

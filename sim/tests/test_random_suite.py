@@ -13,7 +13,7 @@ from whisker_sim.documents import to_json
 from whisker_sim.jobs import SUCCESS, WRONG_INPUT, process_executor, run_job
 from whisker_sim.products import product_of, trace_job
 from whisker_sim.random_suite import simulate as random_set
-from whisker_sim.random_suite.contacts import DEPARTURES, HOLLOW_KINDS
+from whisker_sim.random_suite.contacts import CONDITIONS, NON_CONVEX_KINDS
 from whisker_sim.random_suite.effects import MISCALIBRATIONS, RATES_HZ
 from whisker_sim.random_suite.movements import MOVEMENTS
 from whisker_sim.random_suite.objects import KINDS
@@ -128,27 +128,27 @@ def test_val_distribution_of_draws():
     assert abs(standard - 0.5) < 0.04
 
 
-def test_val_distribution_of_draws_of_contacts():
-    """Friction, objects that are not convex and objects that move occur as often as their weights state, one at a time."""
+def test_val_distribution_of_conditions():
+    """Friction, objects that are not convex and objects that move occur as often as their weights state, exactly one in each scene."""
     scenes = [run.scene.draw(0).scene(0, 0) for run in sets_of(CONTACTS, Redrawn(4, 1000))]
     friction = [scene.friction for scene in scenes if scene.friction_coefficient > 0.0]
     hollow = [scene for scene in scenes if not scene.object.convex]
     speeds_m_s = [np.hypot(*scene.object_velocity_m_s) for scene in scenes if scene.object_velocity_m_s is not msgspec.UNSET]
     assert len(friction) + len(hollow) + len(speeds_m_s) == len(scenes)
-    total = sum(weight for weight, _ in DEPARTURES)
-    for found, (weight, _) in zip((friction, hollow, speeds_m_s), DEPARTURES, strict=True):
+    total = sum(weight for weight, _ in CONDITIONS)
+    for found, (weight, _) in zip((friction, hollow, speeds_m_s), CONDITIONS, strict=True):
         assert abs(len(found) / len(scenes) - weight / total) < 0.05
-    assert {scene.shape for scene in hollow} == set(HOLLOW_KINDS)
+    assert {scene.shape for scene in hollow} == set(NON_CONVEX_KINDS)
     assert 0.05 <= min(friction) < 0.1 < 0.5 < max(friction) <= 0.6
     assert 1.9e-4 < min(speeds_m_s) < 3e-4 < 1e-3 < max(speeds_m_s) < 2.1e-3
 
 
-def test_robust_contacts_in_space_are_ideal(tmp_path, capsys):
+def test_robust_a_suite_in_space_refuses_contacts_that_are_not_ideal(tmp_path, capsys):
     """A random suite in space refuses contacts that are not ideal."""
     path = tmp_path / "wrong.json"
     path.write_text('{"format": 1, "name": "wrong", "random": {"seed": 1, "sets": 1, "in_space": true, "ideal": false}}')
     assert main(["check", str(path)]) == WRONG_INPUT
-    assert "ideal: expected true in space, found false" in capsys.readouterr().err
+    assert "ideal: expected true with `in_space`, found false; remove one of the two keys" in capsys.readouterr().err
 
 
 def test_verif_random_whiskers_and_their_calibrations_are_valid():

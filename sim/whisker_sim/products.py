@@ -52,7 +52,7 @@ class Product(NamedTuple):
     """Model in its start pose, for export."""
 
 
-_OF_RANDOM_SETS = Product(
+_RANDOM_SET_PRODUCT = Product(
     random_set.simulate_set,
     random_set.write_set,
     random_set.is_set_up_to_date,
@@ -69,8 +69,8 @@ PRODUCTS: dict[type, Product] = {
     SpatialScene: Product(
         simulate_in_space, write_spatial_trace, is_spatial_up_to_date, SpatialRenderer, replayed_in_space, space_at_start
     ),
-    RandomSet: _OF_RANDOM_SETS,
-    RandomContactSet: _OF_RANDOM_SETS,
+    RandomSet: _RANDOM_SET_PRODUCT,
+    RandomContactSet: _RANDOM_SET_PRODUCT,
     SpatialRandomSet: Product(
         random_spatial_set.simulate_spatial_set,
         random_spatial_set.write_spatial_set,

@@ -149,16 +149,14 @@ pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) ->
     samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// Output of the contact detector at each sample: the face in contact, or `None` while the whisker is free. Subtracts the rest reading
-/// from the samples.
-pub fn touched(touch: TouchConfig, knowledge: &Knowledge, samples: &mut [Sample]) -> Vec<Option<Face>> {
+/// Detects contact at each sample, and subtracts the rest reading from all samples in place. Returns the face in contact at each sample,
+/// `None` while the whisker is free.
+pub fn detect_contact(touch: TouchConfig, knowledge: &Knowledge, samples: &mut [Sample]) -> Vec<Option<Face>> {
     let mut detector = ContactDetector::new(touch, &knowledge.sensing());
-    let sense = |sample: &mut Sample| {
-        let touched = detector.step(sample.reading_n_m, sample.dt_s);
-        sample.reading_n_m -= detector.rest_n_m();
-        touched
-    };
-    samples.iter_mut().map(sense).collect()
+    let touched = samples.iter().map(|sample| detector.step(sample.reading_n_m, sample.dt_s)).collect();
+    // Before it was determined, the whisker was free.
+    samples.iter_mut().for_each(|sample| sample.reading_n_m -= detector.rest_reading_n_m());
+    touched
 }
 
 /// Result of a replay.

@@ -4,7 +4,7 @@ use anyhow::bail;
 use serde_json::Value;
 use whisker::estimators::with_defaults;
 
-/// Settings over their defaults ([`with_defaults`]).
+/// Settings merged with their defaults ([`with_defaults`]).
 ///
 /// # Errors
 /// If the settings are not a JSON object.

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 use testbed::participant::{Participant, Program, Registered, Task};
-use testbed::replay::{Replay, touched};
+use testbed::replay::{Replay, detect_contact};
 use whisker::estimators::{self, BaseNoise, ContactPrior, Knowledge, Sample};
 use whisker::events::TouchConfig;
 use whisker::frames::Point;
@@ -40,7 +40,7 @@ fn replay_of(script: &str, timeout: Duration, knowledge: &Arc<Knowledge>) -> Rep
     fs::write(&path, script).unwrap();
     let program = Program::new(&format!("sh {}", path.display()), timeout).unwrap();
     let mut samples = trial(knowledge);
-    let touched = touched(TouchConfig::default(), knowledge, &mut samples);
+    let touched = detect_contact(TouchConfig::default(), knowledge, &mut samples);
     let task = Task { knowledge, samples: &samples, touched: &touched, trace: "secret", seed: 1 };
     let replay = program.replay(&task).unwrap();
     assert_eq!(replay.estimates.len(), samples.len());
@@ -243,12 +243,33 @@ fn robust_a_program_that_does_not_start_is_reported() {
 fn verif_a_registered_participant_returns_the_estimates_of_its_estimator() {
     let knowledge = world::knowledge(NOISE_N_M);
     let mut samples = trial(&knowledge);
-    let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
+    let touched = detect_contact(TouchConfig::default(), &knowledge, &mut samples);
     let task = Task { knowledge: &knowledge, samples: &samples, touched: &touched, trace: "exam", seed: 1 };
     let replay = Registered::new("ekf", &json!({})).unwrap().replay(&task).unwrap();
     let row = estimators::estimator("ekf").unwrap();
     assert_eq!(replay.estimates, world::estimator(row, &knowledge, 1).run(&samples));
     assert_eq!(replay.failure, None);
+}
+
+#[test]
+fn verif_an_offset_is_subtracted_from_a_whole_recording_as_sample_by_sample() {
+    let knowledge = world::knowledge(NOISE_N_M);
+    // Free until 0.3 s.
+    let exact: Vec<Sample> = world::samples(&knowledge, 0.8, |row| row as f64 > 0.3 * world::RATE_HZ)
+        .into_iter()
+        .map(|(_, sample)| sample)
+        .collect();
+    let largest_n_m = knowledge.faces[0].largest_reading_n_m;
+    let with_offset = |sample: &Sample| Sample { reading_n_m: sample.reading_n_m + 0.015 * largest_n_m, ..*sample };
+    let raw: Vec<Sample> = exact.iter().map(with_offset).collect();
+    let mut samples = raw.clone();
+    let touched = detect_contact(TouchConfig::default(), &knowledge, &mut samples);
+    assert!(samples[0].reading_n_m.abs() < 0.005 * largest_n_m, "{}", samples[0].reading_n_m);
+    let task = Task { knowledge: &knowledge, samples: &samples, touched: &touched, trace: "exam", seed: 1 };
+    let replay = Registered::new("ekf", &json!({})).unwrap().replay(&task).unwrap();
+    let row = estimators::estimator("ekf").unwrap();
+    assert!(replay.estimates.iter().any(Option::is_some));
+    assert_eq!(replay.estimates, world::estimator(row, &knowledge, 1).run(&raw));
 }
 
 #[test]

@@ -111,6 +111,9 @@ impl Suite {
                     return Err(Error::value(path, key, found, format!("1 to {most}")));
                 }
             }
+            if random.in_space && random.ideal == Some(false) {
+                return Err(Error::value(path, "random.ideal", "false with `in_space`", "true"));
+            }
         }
         if suite.scenes.iter().any(|entry| entry.seeds.as_ref().is_some_and(Vec::is_empty)) {
             return Err(Error::value(path, "scenes.seeds", "an empty list", "at least one seed, or no such key"));

@@ -41,6 +41,7 @@ fn verif_a_random_suite_states_its_numbers() {
         (r#""random": {"seed": 3, "sets": 0}"#, "random.sets"),
         (r#""random": {"seed": 3, "sets": 2, "traces": 100}"#, "1 to 99"),
         (r#""random": {"seed": 3, "set": 2}"#, "unknown field `set`"),
+        (r#""random": {"seed": 3, "sets": 2, "in_space": true, "ideal": false}"#, "random.ideal"),
         (r#""random": {"seed": 3, "sets": 2}, "scenes": [{"scene": "scene.json"}]"#, "one of the two"),
         (r#""scenes": []"#, "at least one, or the key `random`"),
     ] {

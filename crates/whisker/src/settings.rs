@@ -34,11 +34,11 @@ pub trait Settings: DeserializeOwned + Serialize {
     fn validate(&self) -> Result<(), SettingsError>;
 }
 
-/// Key by which objects of several kinds are told apart.
+/// Key that names the variant of a settings object.
 const KIND: &str = "kind";
 
-/// Settings over their defaults: a key that the settings lack, at any depth, has its default. An object of another `kind` than that
-/// of the defaults replaces it as a whole. Keys that the defaults lack are kept, so that parsing rejects them by name.
+/// Settings merged with their defaults at every depth: a key that is absent takes its default. An object whose `kind` differs from that
+/// of its default replaces the default as a whole. Keys that have no default are kept, so that parsing rejects them by name.
 pub fn with_defaults(settings: &Map<String, Value>, mut defaults: Value) -> Value {
     let Some(all) = defaults.as_object_mut() else { return Value::Object(settings.clone()) };
     if settings.get(KIND).is_some_and(|kind| all.get(KIND) != Some(kind)) {
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_keys_that_settings_lack_have_their_defaults_at_any_depth() {
+    fn verif_absent_keys_take_their_defaults_at_any_depth() {
         let defaults = json!({"gate": 5, "filter": {"share": 0.8, "start": {"kind": "several", "count": 16}}});
         let with = |settings: Value| with_defaults(settings.as_object().unwrap(), defaults.clone());
         assert_eq!(with(json!({})), defaults);

@@ -128,6 +128,22 @@ fn verif_every_detector_detects_a_press_and_its_release() {
 }
 
 #[test]
+fn verif_an_offset_of_the_sensor_is_no_touch_and_does_not_hide_one() {
+    for row in DETECTORS {
+        for (offset_n_m, rate_hz) in
+            [(0.015, 250.0), (-0.02, 50.0)].map(|(share, rate_hz)| (share * LARGEST_N_M, rate_hz))
+        {
+            let mut detector = ContactDetector::new((row.config)(), &sensing(rate_hz));
+            let mut noise = noise(1);
+            let reading = |t_s| press_and_release(t_s, 2e-5) + offset_n_m + noise();
+            let found = changes(&mut detector, rate_hz, 1.5, reading);
+            assert!(found.len() == 1 && (1.0..1.1).contains(&found[0]), "{} {offset_n_m}: {found:?}", row.name);
+            assert!((detector.rest_reading_n_m() - offset_n_m).abs() < NOISE_N_M, "{}", detector.rest_reading_n_m());
+        }
+    }
+}
+
+#[test]
 fn verif_former_names_of_the_default_detector_and_its_settings_are_accepted() {
     let present = TouchConfig::default();
     let mut text = serde_json::to_string(&present).unwrap();

@@ -1,6 +1,6 @@
-"""Random sets of contacts that are not ideal: with friction, on objects that are not convex, or on objects that move.
+"""Random sets whose contacts are not ideal: with friction, on objects that are not convex, or on objects that move.
 
-Object, motion, rate, noise and miscalibration are drawn as those of ideal contacts; one of `DEPARTURES` is added.
+Object, motion, rate, noise and miscalibration are drawn as for ideal contacts; one of `CONDITIONS` is added.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from whisker_sim.shapes import AnyShape, Cup, Discs, L, Star, Step
 
 _FRICTION = (0.05, 0.6)
 _FRICTION_TIMESTEP_S = 1e-4
-"""Time step at which a sticking contact does not creep."""
+"""Largest time step at which a sticking contact does not creep."""
 
 _SPEED_M_S = (2e-4, 2e-3)
 
@@ -48,54 +48,54 @@ def _step(rng: np.random.Generator) -> Step:
     return Step(tread_m=log_uniform(rng, 8e-3, 0.03), rise_m=log_uniform(rng, 1e-3, 8e-3), levels=int(rng.integers(2, 4)))
 
 
-HOLLOW_KINDS: dict[str, Draw[AnyShape]] = {"l": _l, "star": _star, "cup": _cup, "discs": _discs, "step": _step}
+NON_CONVEX_KINDS: dict[str, Draw[AnyShape]] = {"l": _l, "star": _star, "cup": _cup, "discs": _discs, "step": _step}
 """Kinds of objects that are not convex, equally probable."""
 
 Changes = dict[str, Any]
-"""Values of a scene in place of those of an ideal contact."""
+"""Fields of a scene that replace those of an ideal contact."""
 
 
-class _Departing(DrawnSet):
-    """A set with a departure from ideal contacts that its traces have in common."""
+class _DrawnContactSet(DrawnSet):
+    """Properties that the traces of a set have in common, with one condition that ideal contacts do not have."""
 
     def __init__(self, of: RandomSet, attempt: int, rng: np.random.Generator) -> None:
         super().__init__(of, attempt, rng)
-        self._changes = weighted(rng, DEPARTURES)(self, rng)
+        self._changes = weighted(rng, CONDITIONS)(self, rng)
 
     def scene(self, trace: int, attempt: int) -> Scene:
         """Scene of a trace of the set, as drawn for the `attempt`-th time."""
         return msgspec.structs.replace(super().scene(trace, attempt), **self._changes)
 
     def with_friction(self, rng: np.random.Generator) -> Changes:
-        """Coulomb friction."""
+        """Adds Coulomb friction."""
         timestep_s = min(_FRICTION_TIMESTEP_S, self._set.simulation.timestep_s)
         return {"friction": uniform(rng, *_FRICTION, 3), "simulation": Simulation(timestep_s)}
 
-    def on_hollow(self, rng: np.random.Generator) -> Changes:
-        """An object that is not convex, in any orientation."""
-        name = str(rng.choice(sorted(HOLLOW_KINDS)))
-        self._kind = Kind(name, HOLLOW_KINDS[name])
+    def with_non_convex_object(self, rng: np.random.Generator) -> Changes:
+        """Replaces the object of the set by one that is not convex."""
+        name = str(rng.choice(sorted(NON_CONVEX_KINDS)))
+        self._kind = Kind(name, NON_CONVEX_KINDS[name])
         self._object = self._kind.draw(rng)
         return {}
 
-    def on_moving(self, rng: np.random.Generator) -> Changes:
-        """An object with a constant velocity in any direction."""
+    def with_moving_object(self, rng: np.random.Generator) -> Changes:
+        """Moves the object with a constant velocity in a random direction."""
         speed_m_s, angle_rad = log_uniform(rng, *_SPEED_M_S), rng.uniform(0.0, 2.0 * np.pi)
         velocity_m_s = speed_m_s * np.array((np.cos(angle_rad), np.sin(angle_rad)))
         return {"object_velocity_m_s": tuple(round(float(value), 7) for value in velocity_m_s)}
 
 
-DEPARTURES: tuple[tuple[float, Callable[[_Departing, np.random.Generator], Changes]], ...] = (
-    (0.20, _Departing.with_friction),
-    (0.40, _Departing.on_hollow),
-    (0.40, _Departing.on_moving),
+CONDITIONS: tuple[tuple[float, Callable[[_DrawnContactSet, np.random.Generator], Changes]], ...] = (
+    (0.20, _DrawnContactSet.with_friction),
+    (0.40, _DrawnContactSet.with_non_convex_object),
+    (0.40, _DrawnContactSet.with_moving_object),
 )
-"""Departures from ideal contacts with their weights."""
+"""Conditions that ideal contacts do not have, with their weights."""
 
 
 class RandomContactSet(RandomSet, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """One set of a random suite of contacts that are not ideal."""
+    """One set of a random suite whose contacts are not ideal."""
 
     def draw(self, attempt: int) -> DrawnSet:
         """The set as drawn for the `attempt`-th time."""
-        return _Departing(self, attempt, self.stream(attempt))
+        return _DrawnContactSet(self, attempt, self.stream(attempt))

@@ -20,7 +20,7 @@ class RandomSet(DrawnScenes, frozen=True, forbid_unknown_fields=True, omit_defau
         return DrawnSet(self, attempt, self.stream(attempt))
 
     def stream(self, attempt: int) -> np.random.Generator:
-        """The random stream of what its traces have in common."""
+        """Random stream of the properties that the traces of the set have in common."""
         return random_stream(f"{self.suite} set {self.index} attempt {attempt}", self.seed)
 
 

@@ -28,11 +28,11 @@ class Draws(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     in_space: bool = False
     """Whether the scenes are scenes in space."""
     ideal: bool = True
-    """Whether the contacts are without friction, on convex objects at rest; in space they always are."""
+    """Whether the contacts are without friction, on convex objects at rest; must be true with `in_space`."""
 
     def __post_init__(self) -> None:
         if self.in_space and not self.ideal:
-            raise ValueError("ideal: expected true in space, found false")
+            raise ValueError("ideal: expected true with `in_space`, found false; remove one of the two keys")
 
 
 class RandomSuite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -15,7 +15,7 @@ use crate::contact_events::Events;
 use crate::front_end::SensorInput;
 use crate::metrics::GroundTruth;
 use crate::miscalibration::disturb;
-use crate::replay::{knowledge, motions, read_by, touched, with_readings};
+use crate::replay::{detect_contact, knowledge, motions, read_by, with_readings};
 
 /// A trial as the robot senses it, with the truth that all estimators are compared with.
 pub(super) struct Sensed<'a> {
@@ -23,7 +23,7 @@ pub(super) struct Sensed<'a> {
     pub(super) trace: Cow<'a, Trace>,
     /// Readings with measurement noise.
     pub(super) readings_n_m: Vec<f64>,
-    /// Motion and reading, less the rest reading, at each instant.
+    /// Motion and reading at each instant. The rest reading is subtracted.
     pub(super) samples: Vec<Sample>,
     /// Standard deviation of all measurement noise.
     pub(super) noise_sd_n_m: f64,
@@ -68,7 +68,7 @@ impl<'a> TrialJob<'a> {
         let noise_sd_n_m = prepared.noise_sd_n_m(spec, noise);
         let faces = read_by(spec.sensor.as_ref(), prepared.calibration(spec).faces(None));
         let knowledge = knowledge(&trace.sidecar, &faces, noise_sd_n_m);
-        let touched = touched(self.settings.touch, &knowledge, &mut samples);
+        let touched = detect_contact(self.settings.touch, &knowledge, &mut samples);
         let events = Events::of(&trace, &touched);
         Ok(Sensed { trace, readings_n_m, samples, noise_sd_n_m, knowledge, touched, events, bound, ground_truth })
     }

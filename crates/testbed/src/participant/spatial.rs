@@ -446,8 +446,11 @@ impl Program {
         let rows = samples.iter().map(|sample| {
             base = sample.motion.inverse().then(&base);
             t_s += sample.dt_s;
-            touched = detector.step(sample).map_or(touched, |(_, touches)| touches);
-            Row::new(t_s, &base, sample, touched)
+            let admitted = detector.step(sample);
+            touched = admitted.as_ref().map_or(touched, |(_, touches)| *touches);
+            // The motion is that since the last row, also after a gated one.
+            let reading_n_m = admitted.map_or(sample.reading_n_m, |(admitted, _)| admitted.reading_n_m);
+            Row::new(t_s, &base, &Sample { reading_n_m, ..*sample }, touched)
         });
         let parse =
             |_: usize, line: &str| answer(line, EXPECTED, |answer: SpatialAnswerLine| answer.estimate(knowledge));

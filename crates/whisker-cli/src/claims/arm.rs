@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use testbed::dataset::Dataset;
 use testbed::front_end::FRONT_ENDS;
 use testbed::map::true_circle;
-use testbed::replay::{knowledge, replay, runner, samples, touched};
+use testbed::replay::{detect_contact, knowledge, replay, runner, samples};
 use testbed::results::{MapObjectRow, MapRow};
 use testbed::seeds::derived_seed;
 use testbed::statistics::rms;
@@ -361,7 +361,7 @@ fn contact_errors_m(
     let row = estimators::estimator(RECOMMENDED).context("a registered estimator")?;
     let knowledge = knowledge(sidecar, faces, noise_sd_n_m);
     let mut samples = samples(&window.trace.recording, &readings_n_m);
-    let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
+    let touched = detect_contact(TouchConfig::default(), &knowledge, &mut samples);
     let mut runner = runner(row, &(row.defaults)(), &knowledge, &sidecar.name, seed)?;
     let estimates = replay(&mut runner, &samples, &touched).estimates;
     let error_m = |&row: &usize| Some(estimates[row].as_ref()?.contact.distance(&sweep.contacts[row]?));

@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use testbed::front_end::FRONT_ENDS;
-use testbed::replay::{knowledge, replay, runner, samples, touched};
+use testbed::replay::{detect_contact, knowledge, replay, runner, samples};
 use testbed::settings::merged;
 use testbed::statistics::quantile;
 use trace::{CalibrationFile, Role, Trace};
@@ -112,7 +112,7 @@ fn final_offsets(
             let sidecar = &trace.sidecar;
             let knowledge = knowledge(sidecar, &faces, 0.0);
             let mut samples = samples.clone();
-            let touched = touched(TouchConfig::default(), &knowledge, &mut samples);
+            let touched = detect_contact(TouchConfig::default(), &knowledge, &mut samples);
             let last_base = trace.recording.instants[samples.len() - 1].base;
             let offset = |seed| {
                 let mut runner = runner(row, &config, &knowledge, &sidecar.name, seed)?;

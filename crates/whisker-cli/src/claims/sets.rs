@@ -1,4 +1,4 @@
-//! Sets of a random suite, on which certainty is judged.
+//! Sets of a random suite, with their coverage and the rates of `model_doubtful`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,16 +10,18 @@ use trace::Sidecar;
 
 use super::{Context, RECOMMENDED};
 
-/// Coverage below which a set is overconfident, and below which the signal of doubt has to find it.
-const LEAST_COVERAGE: f64 = 0.8;
-const MISSED_COVERAGE: f64 = 0.6;
+/// Coverage below which a set counts as overconfident.
+const OVERCONFIDENT_COVERAGE: f64 = 0.8;
 
-/// Time within which it has to find it.
+/// Coverage below which `model_doubtful` must be raised.
+const DOUBTFUL_COVERAGE: f64 = 0.6;
+
+/// Time from the touch within which it must be raised.
 const DOUBT_WITHIN_S: f64 = 2.0;
 
 /// A set of a random suite: the trials of `recommended` on one object.
 pub(super) struct Set<'a> {
-    /// Suite whose folder has the traces.
+    /// Name of the suite; its traces are in `datasets/<suite>`.
     suite: &'a str,
     pub(super) trials: Vec<&'a TrialRow>,
 }
@@ -67,21 +69,22 @@ pub(super) fn coverage_of(sets: &[Set<'_>]) -> Option<f64> {
     mean(sets.iter().filter_map(Set::coverage)).map(|coverage| 100.0 * coverage)
 }
 
-/// Share (%) of sets whose certainty is overstated.
+/// Share (%) of the sets that are overconfident, those with a coverage below [`OVERCONFIDENT_COVERAGE`].
 pub(super) fn overconfident(sets: &[Set<'_>]) -> Option<f64> {
-    share(sets.iter().filter_map(Set::coverage), |coverage| *coverage < LEAST_COVERAGE)
+    share(sets.iter().filter_map(Set::coverage), |coverage| *coverage < OVERCONFIDENT_COVERAGE)
 }
 
-/// Share (%) of the trials of overconfident sets that are in doubt in time.
+/// Share (%) of the trials in which `model_doubtful` is raised within [`DOUBT_WITHIN_S`], over the sets with a coverage below
+/// [`DOUBTFUL_COVERAGE`].
 pub(super) fn doubt_found(sets: Vec<Set<'_>>) -> Option<f64> {
-    let missed = sets.into_iter().filter(|set| set.coverage().is_some_and(|share| share < MISSED_COVERAGE));
+    let missed = sets.into_iter().filter(|set| set.coverage().is_some_and(|share| share < DOUBTFUL_COVERAGE));
     let is_found = |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
     share(missed.flat_map(|set| set.trials), is_found)
 }
 
-/// Alarms per minute of contact in the sets whose certainty is not overstated.
+/// Number of times that `model_doubtful` is raised per minute of contact, over the sets that are not overconfident.
 pub(super) fn doubt_false_per_min(sets: Vec<Set<'_>>) -> Option<f64> {
-    let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= LEAST_COVERAGE);
+    let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= OVERCONFIDENT_COVERAGE);
     let good: Vec<&TrialRow> = sets.into_iter().filter(is_good).flat_map(|set| set.trials).collect();
     let total = |metric: &Metric| good.iter().filter_map(|trial| trial.get(metric)).sum::<f64>();
     let minutes = total(&doubt::CONTACT_TIME) / 60.0;

@@ -495,8 +495,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
     }
 
-    /// Adds hypotheses at other places if the innovations are larger than stated. A contact that is lost beyond the calibrated part of
-    /// the whisker, where its place is known less well, has left the whisker's side at the tip; it is not sought before the next touch.
+    /// Adds hypotheses at other places if the innovations are larger than stated. If the contact may then lie beyond the calibrated arc
+    /// lengths near the tip (mean plus [`TIP_SDS`] standard deviations), it is taken to have slipped off the tip: no other place is
+    /// searched until the next touch.
     fn search(&mut self, bank: &mut Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) {
         let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return };
         if !self.doubt.next(&self.config.search, sample.dt_s, nis.min(self.config.gate_sds.powi(2))) {
@@ -505,7 +506,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let Some(belief) = bank.moments_above(self.config.ignored_share) else { return };
         let sd_m = belief.covariance[(0, 0)].max(0.0).sqrt();
         let reach_m = self.side.bent_arc_m(AlongAway::of_state(&belief.mean)) + TIP_SDS * sd_m;
-        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= self.side.face.domain.arc_range_m().1 {
+        let slipping_m = self.side.face.domain.arc_range_m().1.max(NEAR_TIP_SHARE * self.side.face.rest.length_m());
+        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= slipping_m {
             self.is_lost = true;
         } else {
             self.leave();
@@ -677,6 +679,9 @@ const INERTIA_SD: f64 = 0.3;
 /// which it may be at the tip.
 const SETTLED_SD_M: f64 = 3e-3;
 const TIP_SDS: f64 = 4.0;
+
+/// Smallest arc length, relative to the whisker's length, from which a contact that the readings contradict has slipped off the tip.
+const NEAR_TIP_SHARE: f64 = 0.9;
 
 /// Distance of a contact from the whisker's end, in its standard deviations, above which it is certain to be on the side.
 const SIDE_SDS: f64 = 3.0;

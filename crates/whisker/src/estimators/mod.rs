@@ -512,6 +512,13 @@ impl Runner {
         self.base = sample.motion.inverse().then(&self.base);
     }
 
+    /// Adds a constant to the readings of the free whisker that are kept.
+    fn shift_history(&mut self, by_n_m: f64) {
+        if by_n_m != 0.0 {
+            self.history.iter_mut().for_each(|sample| sample.reading_n_m += by_n_m);
+        }
+    }
+
     /// Takes a sample of a touch.
     fn follow(&mut self, sample: &Sample, face: Face) -> Option<Estimate> {
         let before = self.base;
@@ -585,10 +592,13 @@ impl Estimator {
         self.runner.step(&sample, touched)
     }
 
-    /// The sample less the rest reading, and the side on which the object lies.
+    /// The sample with the rest reading subtracted, and the face in contact.
     fn sense(&mut self, sample: &Sample) -> (Sample, Option<Face>) {
+        let before_n_m = self.detector.rest_reading_n_m();
         let touched = self.detector.step(sample.reading_n_m, sample.dt_s);
-        (Sample { reading_n_m: sample.reading_n_m - self.detector.rest_n_m(), ..*sample }, touched)
+        let rest_n_m = self.detector.rest_reading_n_m();
+        self.runner.shift_history(before_n_m - rest_n_m);
+        (Sample { reading_n_m: sample.reading_n_m - rest_n_m, ..*sample }, touched)
     }
 
     /// See [`Runner::run`].

@@ -246,8 +246,8 @@ const CARRYING_SHARE: f64 = 1e-6;
 /// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
 
-/// Probability of a moving object above which beliefs about one at rest do not last beyond a touch.
-const LIKELY_MOVES_SHARE: f64 = 0.5;
+/// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
+const LIKELY_MOVING_SHARE: f64 = 0.5;
 
 /// Probability of a moving object above which the places that were touched may have moved too.
 const MAY_MOVE_SHARE: f64 = 0.1;
@@ -572,13 +572,13 @@ impl AveragingTracker {
         self.blocks.alert(&self.config.block);
     }
 
-    /// Begins a new touch. Candidates that keep no belief of the object begin anew, and if the object moves, all that assume one at
-    /// rest: it is no longer where they believe it to be.
+    /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object at rest
+    /// and the object probably moves.
     fn begin_again_with(&mut self, touch: &Touch<'_>) {
-        let moves = self.moving_share() > LIKELY_MOVES_SHARE;
+        let moves = self.moving_share() > LIKELY_MOVING_SHARE;
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
-            let holds = tracker.assumes_motion() || !moves;
-            if !(holds && tracker.resume(touch)) {
+            let may_resume = tracker.assumes_motion() || !moves;
+            if !(may_resume && tracker.resume(touch)) {
                 *tracker = method.begin(touch);
             }
         }

@@ -9,8 +9,9 @@
 //! as missing. A recording without a clock has the nominal rate that it is given; if that is too low for the whisker's
 //! first mode, detectors use the reading itself.
 //!
-//! A sensor's offset is learnt from the free whisker at the start of a recording ([`ContactDetector::rest_n_m`]). Meanwhile a touch is
-//! detected only if its reading is larger than an offset.
+//! The sensor's offset is estimated from the free whisker in the first 0.1 s of a recording and subtracted from the later readings
+//! ([`ContactDetector::rest_reading_n_m`]). During this time, a touch is detected only if the reading exceeds the largest plausible
+//! offset, 3 % of the largest calibrated reading.
 //!
 //! Contact at the tip follows from an estimate of the contact, not from the reading: see
 //! [`Estimate::at_tip`](crate::estimators::Estimate::at_tip).
@@ -21,7 +22,7 @@ mod background_rms;
 mod band_pass;
 mod first_mode;
 mod median;
-mod rest;
+mod rest_reading;
 mod ring_compensated;
 
 use std::fmt::Debug;
@@ -33,7 +34,7 @@ use signal::{LONGEST_GAP_S, NoSuchBand, Section, band_pass};
 use crate::face::Face;
 use crate::settings::SettingsError;
 use crate::{ReadingGate, Whisker};
-use rest::Rest;
+use rest_reading::RestReading;
 
 pub use first_mode::FirstMode;
 
@@ -170,7 +171,7 @@ pub trait Rule: Debug + Send {
 #[derive(Debug)]
 pub struct ContactDetector {
     rule: Box<dyn Rule>,
-    rest: Rest,
+    rest_reading: RestReading,
     gate: ReadingGate,
     rate_hz: f64,
     last: Option<(f64, Signals)>,
@@ -183,12 +184,23 @@ impl ContactDetector {
     pub fn new(config: TouchConfig, sensing: &Sensing) -> Self {
         let gate = ReadingGate::new(sensing.largest_reading_n_m);
         let rule = config.rule(sensing);
-        Self { rule, rest: Rest::new(sensing), gate, rate_hz: sensing.rate_hz, last: None, gated_s: 0.0 }
+        Self { rule, rest_reading: RestReading::new(sensing), gate, rate_hz: sensing.rate_hz, last: None, gated_s: 0.0 }
     }
 
-    /// Reading of the free whisker, which the sensor's offset causes; estimators take readings less this one. 0 before it is known.
-    pub fn rest_n_m(&self) -> f64 {
-        self.rest.rest_n_m()
+    /// Rest reading (N m), an estimate of the sensor's offset. Subtract it from the readings that estimators receive. 0 until it is
+    /// determined, and if no significant offset was found.
+    pub fn rest_reading_n_m(&self) -> f64 {
+        self.rest_reading.rest_reading_n_m()
+    }
+
+    /// Whether a reading is larger than that of any free whisker, whatever the sensor's offset.
+    pub(crate) fn exceeds_rest(&self, reading_n_m: f64) -> bool {
+        self.rest_reading.is_exceeded_by(reading_n_m)
+    }
+
+    /// Ends the estimate of the rest reading, as the whisker is known to touch.
+    pub(crate) fn give_up_rest(&mut self) {
+        self.rest_reading.give_up();
     }
 
     /// Takes the next reading, `dt_s` after the last, and returns the side on which the object lies. `None` while the
@@ -204,12 +216,12 @@ impl ContactDetector {
             return self.signals();
         }
         let dt_s = dt_s + std::mem::take(&mut self.gated_s);
-        let may_be_rest = self.rest.is_learning(reading_n_m, dt_s);
-        if may_be_rest && self.rest_n_m() != 0.0 {
-            // What the rule has seen so far was off.
+        let may_be_rest = self.rest_reading.update(reading_n_m, dt_s);
+        if may_be_rest && self.rest_reading_n_m() != 0.0 {
+            // Restarts the rule: the readings that it has received contain the offset.
             self.last = None;
         }
-        let reading_n_m = reading_n_m - self.rest_n_m();
+        let reading_n_m = reading_n_m - self.rest_reading_n_m();
         let known = self.last.filter(|_| dt_s <= LONGEST_GAP_S);
         let signals = match known {
             None => {

@@ -10,8 +10,8 @@ use crate::tools::{run as run_command, whisker};
 /// Suite for reports; settings were chosen on `random_training`.
 const RANDOM: &str = "random";
 
-/// Suite of random contacts that are not ideal, for reports; settings were chosen on `random_contacts_training`.
-const CONTACTS: &str = "random_contacts";
+/// Random suite whose contacts are not ideal, for reports; settings were chosen on `random_contacts_training`.
+const RANDOM_CONTACTS: &str = "random_contacts";
 
 /// Suite whose pins are evaluated with miscalibrations, and with noise of the calibrated range.
 const STANDARD: &str = "standard";
@@ -52,9 +52,9 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     for nis in DOUBT_THRESHOLDS {
         evaluations.doubting(RANDOM, nis)?;
     }
-    pipeline::simulate(CONTACTS)?;
-    pipeline::fit(CONTACTS)?;
-    evaluations.as_stated(CONTACTS)?;
+    pipeline::simulate(RANDOM_CONTACTS)?;
+    pipeline::fit(RANDOM_CONTACTS)?;
+    evaluations.as_stated(RANDOM_CONTACTS)?;
     for suite in [FRICTION, HOLLOW] {
         pipeline::simulate(suite)?;
         pipeline::fit(suite)?;

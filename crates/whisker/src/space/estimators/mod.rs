@@ -120,8 +120,8 @@ impl TouchDetector {
         }
     }
 
-    /// Takes the next sample in the order of time. Returns it less the rest reading, with the motion and duration of the gated ones
-    /// before it, and whether the whisker touches. `None` if its reading is gated.
+    /// Takes the next sample in the order of time. Returns the sample and whether the whisker touches, `None` if its reading is gated.
+    /// The rest reading is subtracted; motion and duration include those of the gated samples before it.
     pub fn step(&mut self, sample: &Sample) -> Option<(Sample, bool)> {
         let missed = self.missed.take();
         let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
@@ -132,10 +132,15 @@ impl TouchDetector {
             return None;
         }
         let mut sample = Sample { motion, dt_s, reading_n_m: sample.reading_n_m };
+        // The whisker may touch in one direction alone.
+        let exceeds = |(detector, moment_n_m): (&ContactDetector, &f64)| detector.exceeds_rest(*moment_n_m);
+        if self.detectors.iter().zip(sample.reading_n_m.iter()).any(exceeds) {
+            self.detectors.iter_mut().for_each(ContactDetector::give_up_rest);
+        }
         let mut touches = false;
         for (detector, moment_n_m) in self.detectors.iter_mut().zip(sample.reading_n_m.iter_mut()) {
             touches |= detector.step(*moment_n_m, dt_s).is_some();
-            *moment_n_m -= detector.rest_n_m();
+            *moment_n_m -= detector.rest_reading_n_m();
         }
         Some((sample, touches))
     }
