@@ -129,7 +129,7 @@ def test_val_distribution_of_draws():
 
 
 def test_val_distribution_of_conditions():
-    """Friction, objects that are not convex and objects that move occur as often as their weights state, exactly one in each scene."""
+    """Each scene has friction, an object that is not convex or one that moves, as often as their weights state."""
     scenes = [run.scene.draw(0).scene(0, 0) for run in sets_of(CONTACTS, Redrawn(4, 1000))]
     friction = [scene.friction for scene in scenes if scene.friction_coefficient > 0.0]
     hollow = [scene for scene in scenes if not scene.object.convex]

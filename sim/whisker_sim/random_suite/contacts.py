@@ -51,41 +51,39 @@ def _step(rng: np.random.Generator) -> Step:
 NON_CONVEX_KINDS: dict[str, Draw[AnyShape]] = {"l": _l, "star": _star, "cup": _cup, "discs": _discs, "step": _step}
 """Kinds of objects that are not convex, equally probable."""
 
-Changes = dict[str, Any]
-"""Fields of a scene that replace those of an ideal contact."""
-
 
 class _DrawnContactSet(DrawnSet):
     """Properties that the traces of a set have in common, with one condition that ideal contacts do not have."""
 
     def __init__(self, of: RandomSet, attempt: int, rng: np.random.Generator) -> None:
         super().__init__(of, attempt, rng)
-        self._changes = weighted(rng, CONDITIONS)(self, rng)
+        self._changes: dict[str, Any] = {}
+        """Fields of the scenes that replace those of ideal contacts."""
+        weighted(rng, CONDITIONS)(self, rng)
 
     def scene(self, trace: int, attempt: int) -> Scene:
         """Scene of a trace of the set, as drawn for the `attempt`-th time."""
         return msgspec.structs.replace(super().scene(trace, attempt), **self._changes)
 
-    def with_friction(self, rng: np.random.Generator) -> Changes:
+    def with_friction(self, rng: np.random.Generator) -> None:
         """Adds Coulomb friction."""
         timestep_s = min(_FRICTION_TIMESTEP_S, self._set.simulation.timestep_s)
-        return {"friction": uniform(rng, *_FRICTION, 3), "simulation": Simulation(timestep_s)}
+        self._changes = {"friction": uniform(rng, *_FRICTION, 3), "simulation": Simulation(timestep_s)}
 
-    def with_non_convex_object(self, rng: np.random.Generator) -> Changes:
+    def with_non_convex_object(self, rng: np.random.Generator) -> None:
         """Replaces the object of the set by one that is not convex."""
         name = str(rng.choice(sorted(NON_CONVEX_KINDS)))
         self._kind = Kind(name, NON_CONVEX_KINDS[name])
         self._object = self._kind.draw(rng)
-        return {}
 
-    def with_moving_object(self, rng: np.random.Generator) -> Changes:
+    def with_moving_object(self, rng: np.random.Generator) -> None:
         """Moves the object with a constant velocity in a random direction."""
         speed_m_s, angle_rad = log_uniform(rng, *_SPEED_M_S), rng.uniform(0.0, 2.0 * np.pi)
         velocity_m_s = speed_m_s * np.array((np.cos(angle_rad), np.sin(angle_rad)))
-        return {"object_velocity_m_s": tuple(round(float(value), 7) for value in velocity_m_s)}
+        self._changes = {"object_velocity_m_s": tuple(round(float(value), 7) for value in velocity_m_s)}
 
 
-CONDITIONS: tuple[tuple[float, Callable[[_DrawnContactSet, np.random.Generator], Changes]], ...] = (
+CONDITIONS: tuple[tuple[float, Callable[[_DrawnContactSet, np.random.Generator], None]], ...] = (
     (0.20, _DrawnContactSet.with_friction),
     (0.40, _DrawnContactSet.with_non_convex_object),
     (0.40, _DrawnContactSet.with_moving_object),
