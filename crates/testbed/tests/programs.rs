@@ -16,7 +16,7 @@ use testbed::participant::{Participant, Program, Registered, Task};
 use testbed::replay::{Replay, detect_contact};
 use whisker::estimators::{self, BaseNoise, ContactPrior, Knowledge, Sample};
 use whisker::events::TouchConfig;
-use whisker::frames::Point;
+use whisker::frames::{Point, Pose};
 use whisker::sensor::Face;
 
 /// Timeout that only a program without an answer exceeds, even on a loaded machine.
@@ -254,11 +254,13 @@ fn verif_a_registered_participant_returns_the_estimates_of_its_estimator() {
 #[test]
 fn verif_an_offset_is_subtracted_from_a_whole_recording_as_sample_by_sample() {
     let knowledge = world::knowledge(NOISE_N_M);
-    // Free until 0.3 s.
-    let exact: Vec<Sample> = world::samples(&knowledge, 0.8, |row| row as f64 > 0.3 * world::RATE_HZ)
-        .into_iter()
-        .map(|(_, sample)| sample)
-        .collect();
+    // Free at first.
+    let free = |i: usize| Sample {
+        motion: Pose::new(0.0, 0.0, 0.0),
+        dt_s: 1.0 / world::RATE_HZ,
+        reading_n_m: NOISE_N_M * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8],
+    };
+    let exact: Vec<Sample> = (0..60).map(free).chain(trial(&knowledge)).collect();
     let largest_n_m = knowledge.faces[0].largest_reading_n_m;
     let with_offset = |sample: &Sample| Sample { reading_n_m: sample.reading_n_m + 0.015 * largest_n_m, ..*sample };
     let raw: Vec<Sample> = exact.iter().map(with_offset).collect();
