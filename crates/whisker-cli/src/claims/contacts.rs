@@ -1,22 +1,16 @@
 //! Certainty on random contacts with friction, on random objects that are not convex, and on random objects that move.
 
 use serde_json::Value;
-use testbed::metrics::{bound, doubt, error, second};
+use testbed::metrics::{bound, error, second};
 use testbed::results::TrialRow;
 use testbed::statistics::mean;
 
-use super::hollow::HOLLOW;
+use super::hollow::{ACCURATE_M, HOLLOW, is_accurate_or_in_doubt};
 use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share};
 use super::{Claim, Context, RECOMMENDED, percent};
 
 /// Name of the suite and of its run.
 pub(super) const RUN: &str = "random_contacts";
-
-/// Largest steady-state RMSE of an accurate trial with a moving object.
-const ACCURATE_M: f64 = 0.3e-3;
-
-/// Time from the touch within which `model_doubtful` must be raised in the other trials.
-const DOUBT_WITHIN_S: f64 = 0.5;
 
 /// A condition that ideal contacts do not have.
 #[derive(Clone, Copy)]
@@ -117,8 +111,8 @@ fn second_contacts() -> [Claim; 2] {
     ]
 }
 
-/// Share of the trials with a moving object whose steady RMSE is at most [`ACCURATE_M`], or in which `model_doubtful` is raised within
-/// [`DOUBT_WITHIN_S`]. Trials whose bound exceeds [`ACCURATE_M`] are left out.
+/// Share of the trials with a moving object whose steady RMSE is at most [`ACCURATE_M`], or in which `model_doubtful` is raised in
+/// time. Trials whose bound exceeds [`ACCURATE_M`] are left out.
 fn accurate_or_in_doubt() -> Claim {
     Claim::at_least(
         "contacts_moving_accurate_or_doubtful".into(),
@@ -128,12 +122,10 @@ fn accurate_or_in_doubt() -> Claim {
         90.0,
         "%",
         |context| {
-            let is_at_most = |metric: Option<f64>| metric.is_some_and(|rmse_m| rmse_m <= ACCURATE_M);
-            let possible = MOVING.trials(context)?.filter(|trial| is_at_most(trial.get(&bound::MOVING_RMSE)));
-            Ok(share(possible, |trial| {
-                is_at_most(trial.get(&error::RMSE))
-                    || trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)
-            }))
+            let is_possible =
+                |trial: &&TrialRow| trial.get(&bound::MOVING_RMSE).is_some_and(|bound_m| bound_m <= ACCURATE_M);
+            let possible = MOVING.trials(context)?.filter(is_possible);
+            Ok(share(possible, |trial| is_accurate_or_in_doubt(trial)))
         },
     )
 }

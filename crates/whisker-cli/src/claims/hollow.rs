@@ -22,7 +22,7 @@ const MOVING: [(&str, &str); 6] = [
 ];
 
 /// Largest error of an accurate contact on a moving object, and time within which the other trials must be in doubt.
-const ACCURATE_M: f64 = 0.3e-3;
+pub(super) const ACCURATE_M: f64 = 0.3e-3;
 const DOUBT_WITHIN_S: f64 = 0.5;
 
 pub(super) fn claims() -> Vec<Claim> {
@@ -89,6 +89,13 @@ fn outlines(object: &'static str, whisker: &'static str) -> [Claim; 2] {
     })
 }
 
+/// Whether the steady RMSE of a trial on a moving object is at most [`ACCURATE_M`], or `model_doubtful` is raised within
+/// [`DOUBT_WITHIN_S`].
+pub(super) fn is_accurate_or_in_doubt(trial: &TrialRow) -> bool {
+    trial.get(&error::RMSE).is_some_and(|rmse_m| rmse_m <= ACCURATE_M)
+        || trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)
+}
+
 /// Share of the trials on a moving object whose contacts are accurate or whose models are in doubt in time.
 fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
     Claim::at_least(
@@ -99,11 +106,8 @@ fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: 
         90.0,
         "%",
         move |context| {
-            let is_honest = |trial: &TrialRow| {
-                trial.get(&error::RMSE).is_some_and(|rmse_m| rmse_m <= ACCURATE_M)
-                    || trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)
-            };
-            let share = context.run(RUN).share(&format!("moving_{object}"), whisker, RECOMMENDED, is_honest);
+            let group = format!("moving_{object}");
+            let share = context.run(RUN).share(&group, whisker, RECOMMENDED, is_accurate_or_in_doubt);
             Ok(share.map(|share| 100.0 * share))
         },
     )
