@@ -1,9 +1,9 @@
 //! Causal replay of a recording through an estimator.
 //!
 //! A replay converts a recording into the [`Sample`]s of a robot (base motion and reading), builds the prior information
-//! ([`knowledge`]) from a calibration, runs the contact detector ([`touched`]) and passes the samples to an estimator in
-//! order of time ([`replay`]). Evaluation, the command `whisker replay` and the report all use these functions, so that
-//! an estimator has the same input everywhere.
+//! ([`knowledge`]) from a calibration, runs the contact detector ([`detect_contact`]) and passes the samples to an
+//! estimator in order of time ([`replay`]). Evaluation, the command `whisker replay` and the report all use these
+//! functions, so that an estimator has the same input everywhere.
 
 use std::path::Path;
 use std::sync::Arc;
