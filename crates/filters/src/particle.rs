@@ -553,11 +553,12 @@ fn change_with_normals<S: Simd, const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::dispatch;
+    use fearless_simd::{Level, dispatch};
     use nalgebra::{Matrix3, Vector3};
 
     use super::weights::{log_weights_by, log_weights_constant_noise_by, normalised_by};
     use super::*;
+    use crate::LEVEL;
     use crate::simd::tests::levels;
 
     const SEED: u64 = 5;
@@ -600,18 +601,19 @@ mod tests {
         Found { states: states.iter().collect(), logs, weights, sums, effective_size, moments }
     }
 
+    /// A step with an instruction set: the only place that compiles it, once for each.
+    fn step_at(level: Level, count: usize, is_noise_constant: bool) -> Found {
+        dispatch!(level, simd => step(simd, count, is_noise_constant))
+    }
+
     #[test]
     fn verif_a_step_does_not_depend_on_the_instruction_set() {
         for (count, is_noise_constant) in
             [1, 2, 7, 8, 9, 15, 16, 17, 1000].into_iter().zip([true, false].into_iter().cycle())
         {
-            let widest = vectorised!(simd => step(simd, count, is_noise_constant));
+            let widest = step_at(*LEVEL, count, is_noise_constant);
             for level in levels() {
-                assert_eq!(
-                    dispatch!(level, simd => step(simd, count, is_noise_constant)),
-                    widest,
-                    "{level:?}, {count}"
-                );
+                assert_eq!(step_at(level, count, is_noise_constant), widest, "{level:?}, {count}");
             }
         }
     }
@@ -620,7 +622,7 @@ mod tests {
     fn val_a_step_agrees_with_the_formulas() {
         for (count, is_noise_constant) in [(1, true), (2, false), (17, true), (33, false), (1000, true), (1000, false)]
         {
-            let found = vectorised!(simd => step(simd, count, is_noise_constant));
+            let found = step_at(*LEVEL, count, is_noise_constant);
             let is_defined = |index: usize| index != 1;
             let likelihood = |(index, state): (usize, &Vector3<f64>)| {
                 if is_defined(index) { (-0.5 * state[0] * state[0] / VARIANCE).exp() } else { 0.0 }

@@ -352,6 +352,7 @@ pub(crate) mod tests {
     use fearless_simd::{Level, dispatch};
 
     use super::*;
+    use crate::LEVEL;
 
     /// All instruction sets that the processor supports.
     pub(crate) fn levels() -> Vec<Level> {
@@ -404,11 +405,16 @@ pub(crate) mod tests {
         assert!(worst < 1.5 * f64::EPSILON && ln(1.0) == 0.0, "{worst}");
     }
 
+    /// Draws with the widest instruction set.
+    fn drawn(seed: u64, steps: usize) -> [Vec<f64>; 3] {
+        vectorised!(simd => draws::<3>(simd, seed, steps))
+    }
+
     #[test]
     fn val_normal_draws_are_standard_normal() {
         // For a million draws the standard error of the k-th moment is the standard deviation of x^k over 1000; the
         // bounds are four standard errors.
-        for mut numbers in vectorised!(simd => draws::<3>(simd, 1, 62_500)) {
+        for mut numbers in drawn(1, 62_500) {
             let moment = |power: i32| numbers.iter().map(|x| x.powi(power)).sum::<f64>() / numbers.len() as f64;
             for (power, expected, variance) in
                 [(1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0), (6, 15.0, 10_170.0)]
@@ -456,7 +462,7 @@ pub(crate) mod tests {
 
     #[test]
     fn val_draws_are_independent() {
-        let [firsts, seconds, thirds] = vectorised!(simd => draws::<3>(simd, 2, 31_250));
+        let [firsts, seconds, thirds] = drawn(2, 31_250);
         let count = firsts.len() as f64;
         let mean = |a: &[f64], b: &[f64], term: fn(f64, f64) -> f64| {
             a.iter().zip(b).map(|(&a, &b)| term(a, b)).sum::<f64>() / count
@@ -473,8 +479,10 @@ pub(crate) mod tests {
 
     #[test]
     fn verif_draws_exponentials_and_sums_do_not_depend_on_the_instruction_set() {
+        type Found = (Vec<f64>, Vec<f64>, [f64; 2], f64);
+
         #[inline(always)]
-        fn found(simd: impl Simd, count: usize) -> (Vec<f64>, Vec<f64>, [f64; 2], f64) {
+        fn found(simd: impl Simd, count: usize) -> Found {
             let [numbers] = draws::<1>(simd, 77, count.div_ceil(LANES));
             let mut powers: Vec<f64> = numbers.iter().map(|x| -30.0 * x * x).collect();
             exponentials(simd, &mut powers);
@@ -485,13 +493,19 @@ pub(crate) mod tests {
             let largest = largest(simd, count, &numbers);
             (numbers, powers, sums, largest)
         }
+
+        // The only place that compiles it, once for each instruction set.
+        fn found_at(level: Level, count: usize) -> Found {
+            dispatch!(level, simd => found(simd, count))
+        }
+
         for count in [1, 2, 7, 8, 9, 15, 16, 17, 1000, 1003] {
-            let widest = vectorised!(simd => found(simd, count));
+            let widest = found_at(*LEVEL, count);
             let plain = widest.0[..count].iter().sum::<f64>();
             assert!((widest.2[0] - plain).abs() < 1e-12);
             assert_eq!(widest.3, widest.0[..count].iter().copied().fold(f64::NEG_INFINITY, f64::max));
             for level in levels() {
-                assert_eq!(dispatch!(level, simd => found(simd, count)), widest, "{level:?}, {count}");
+                assert_eq!(found_at(level, count), widest, "{level:?}, {count}");
             }
         }
     }

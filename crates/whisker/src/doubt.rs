@@ -14,7 +14,8 @@ pub(crate) struct DoubtSettings {
     /// Largest value that counts, which bounds the influence of an outlier.
     pub most_nis: f64,
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms.
+    /// detects more and raises more false alarms. The doubt lasts until the mean has fallen halfway to 1, so that
+    /// one contradiction is one signal.
     pub nis: f64,
 }
 
@@ -41,11 +42,12 @@ impl DoubtSettings {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Doubtful {
     nis: f64,
+    is_raised: bool,
 }
 
 impl Default for Doubtful {
     fn default() -> Self {
-        Self { nis: 1.0 }
+        Self { nis: 1.0, is_raised: false }
     }
 }
 
@@ -60,12 +62,15 @@ impl Doubtful {
         let Some(Innovation { nis, .. }) = innovation else { return };
         let per_reading = nis / M as f64;
         self.nis += (per_reading.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
+        let most_nis = if self.is_raised { 0.5 * (1.0 + settings.nis) } else { settings.nis };
+        self.is_raised = self.nis > most_nis;
     }
 
     /// Begins the next touch. What contradicted the models of the last one is no evidence about it. A mean below 1 remains, since
     /// stated variances that are too large are those of the sensor.
     pub(crate) fn resume(&mut self) {
         self.nis = self.nis.min(1.0);
+        self.is_raised = false;
     }
 
     /// Running mean of the normalised innovations squared per reading, 1 at the start.
@@ -74,8 +79,8 @@ impl Doubtful {
     }
 
     /// Whether the models are in doubt.
-    pub(crate) fn is_raised(&self, settings: &DoubtSettings) -> bool {
-        self.nis > settings.nis
+    pub(crate) fn is_raised(&self) -> bool {
+        self.is_raised
     }
 }
 
@@ -94,7 +99,7 @@ mod tests {
             one.advance(&settings, 0.01, Innovation::of(vector![residual], Matrix1::new(1.0)));
             two.advance(&settings, 0.01, Innovation::of(vector![residual, -residual], Matrix2::identity()));
             assert!((one.nis - two.nis).abs() < 1e-12 * one.nis);
-            one.is_raised(&settings)
+            one.is_raised()
         })
     }
 
@@ -107,5 +112,22 @@ mod tests {
         assert!((20..100).contains(&lasting), "{lasting}");
         // An outlier now and then is none.
         assert_eq!(raised(|i| if i % 50 == 0 { 1e4 } else { consistent(i) }), None);
+    }
+
+    #[test]
+    fn verif_a_doubt_lasts_until_the_mean_is_halfway_to_one_or_the_touch_ends() {
+        let settings = DoubtSettings::default();
+        let mut doubtful = Doubtful::default();
+        let mut advance = |nis: f64, count: usize| {
+            let innovation = Innovation::of(vector![nis.sqrt()], Matrix1::new(1.0));
+            (0..count).for_each(|_| doubtful.advance(&settings, 0.01, innovation));
+            doubtful
+        };
+        assert!(!advance(3.0, 1000).is_raised(), "never above the level");
+        assert!(advance(6.0, 1000).is_raised() && advance(3.0, 1000).is_raised());
+        assert!(!advance(1.0, 1000).is_raised());
+        let mut next = advance(6.0, 1000);
+        next.resume();
+        assert!(!next.is_raised());
     }
 }

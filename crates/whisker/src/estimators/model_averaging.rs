@@ -243,8 +243,11 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
+/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt if it
+/// lasts, the time for which it must last, and the probability at which the doubt ends.
 const MOVING_SHARE: f64 = 0.99;
+const MOVING_S: f64 = 0.1;
+const MAYBE_AT_REST_SHARE: f64 = 0.9;
 
 /// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
 const LIKELY_MOVING_SHARE: f64 = 0.5;
@@ -275,6 +278,7 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
+            moving: Moving::default(),
             second: Second::default(),
             touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
             base: touch.before,
@@ -307,6 +311,7 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
+    moving: Moving,
     second: Second,
     touched: TouchedPlaces,
     base: Pose<Base, Start>,
@@ -540,6 +545,27 @@ impl AveragingTracker {
     }
 }
 
+/// Signal that the object moves. It needs time, since a contact that jumps from corner to corner of an object at rest makes a moving
+/// object probable for an instant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moving {
+    /// Time for which a moving object has been probable.
+    lasted_s: f64,
+    is_raised: bool,
+}
+
+impl Moving {
+    /// Takes the probability of a moving object after a step.
+    fn advance(&mut self, dt_s: f64, share: f64) {
+        self.lasted_s = if share > MOVING_SHARE { self.lasted_s + dt_s } else { 0.0 };
+        self.is_raised = self.lasted_s >= MOVING_S || self.is_raised && share > MAYBE_AT_REST_SHARE;
+    }
+
+    fn is_raised(&self) -> bool {
+        self.is_raised
+    }
+}
+
 impl AveragingTracker {
     /// Probability of a moving object, without the considered candidates.
     fn moving_share(&self) -> f64 {
@@ -654,7 +680,8 @@ impl AveragingTracker {
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, count, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
-        let model_doubtful = self.doubtful.is_raised(&self.config.doubt) || self.moving_share() > MOVING_SHARE;
+        self.moving.advance(sample.dt_s, self.moving_share());
+        let model_doubtful = self.doubtful.is_raised() || self.moving.is_raised();
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
         if let Some(place) = self.returned(sample.dt_s, together.as_ref()) {
@@ -724,6 +751,7 @@ impl Tracker for AveragingTracker {
         self.second.resume();
         self.touched.resume(touch.face.face);
         self.doubtful.resume();
+        self.moving = Moving::default();
         self.begin_again_with(touch);
         let total: f64 = self.weights.iter().sum();
         let halves = self.right.probabilities().iter().zip(&self.weights).map(|(share, weight)| share + weight / total);
@@ -771,6 +799,7 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
+            moving: Moving::default(),
             second: Second::default(),
             touched: TouchedPlaces::new(None, face.face),
             base: Pose::new(0.0, 0.0, 0.0),
@@ -888,6 +917,56 @@ mod tests {
         };
         // The last candidate is considered.
         assert!(moves([0.001, 0.5, 0.499]) && !moves([0.1, 0.5, 0.4]));
+    }
+
+    #[test]
+    fn verif_an_object_moves_if_that_is_probable_for_a_while() {
+        let mut moving = Moving::default();
+        let mut advance = |share: f64, dt_s: f64| {
+            moving.advance(dt_s, share);
+            moving.is_raised()
+        };
+        let (probable, likely, unlikely) = (0.999, 0.95, 0.5);
+        for _ in 0..10 {
+            assert!(!advance(probable, 0.6 * MOVING_S) && !advance(likely, MOVING_S));
+        }
+        assert!(!advance(probable, 0.6 * MOVING_S) && advance(probable, 0.6 * MOVING_S));
+        assert!(advance(likely, 1.0) && !advance(unlikely, 0.01) && !advance(likely, 1.0));
+    }
+
+    /// A candidate that keeps what it knows of an object, and one that begins anew, which has an outline.
+    struct Keeper;
+
+    impl Tracker for Keeper {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn resume(&mut self, _: &Touch<'_>) -> bool {
+            true
+        }
+    }
+
+    struct Anew;
+
+    impl Method for Anew {
+        fn begin(&self, _: &Touch<'_>) -> Box<dyn Tracker> {
+            Box::new(Carrier(Some(Vec::new())))
+        }
+    }
+
+    #[test]
+    fn verif_a_new_touch_of_an_object_that_moves_discards_what_is_known_of_one_at_rest() {
+        let knowledge = knowledge();
+        let has_restarted = |shares: [f64; 2]| {
+            let mut tracker = tracker(shares, &knowledge.faces[0]);
+            tracker.considered = vec![false, false];
+            tracker.methods = Arc::new([("keeper", Box::new(Anew)), ("mover", Box::new(Anew))]);
+            tracker.trackers = vec![Box::new(Keeper), Box::new(Mover)];
+            tracker.begin_again();
+            tracker.trackers[0].outline().is_some()
+        };
+        assert!(has_restarted([0.4, 0.6]) && !has_restarted([0.6, 0.4]));
     }
 
     #[test]

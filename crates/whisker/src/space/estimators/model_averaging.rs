@@ -198,8 +198,7 @@ impl Tracker for Average {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let together = self.together(&estimates)?;
         self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation);
-        let model_doubtful =
-            together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised(&self.config.doubt));
+        let model_doubtful = together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
         Some(Estimate { model_doubtful, ..together })
     }
 }
