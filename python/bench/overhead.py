@@ -19,7 +19,7 @@ import whisker_contact as wc
 RUNS = 30
 NOISE = 0.01
 ESTIMATORS = ("paper-ekf", "recommended")
-COLUMNS = ("trace", "estimator", "rust_step", "step", "rust_replay", "replay", "rust_step_p99")
+COLUMNS = ("trace", "estimator", "rust_step", "step", "rust_replay", "replay", "rust_step_p99", "rust_step_largest")
 
 
 def least_ns(run: Callable[[], object], samples: int) -> float:
@@ -66,9 +66,9 @@ def main(rust: str, calibrations: str, *traces: str) -> None:
         for name in ESTIMATORS:
             command = [rust, path, str(calibration), name]
             found = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-            rust_step, rust_replay, p99 = map(float, found)
+            rust_step, rust_replay, p99, largest = map(float, found)
             step, replay = times_ns(trace, wc.load_calibration(calibration), name)
-            values = (rust_step, step, rust_replay, replay, p99)
+            values = (rust_step, step, rust_replay, replay, p99, largest)
             writer.writerow((Path(path).stem, name, *(f"{value:.0f}" for value in values)))
             sys.stdout.flush()
 

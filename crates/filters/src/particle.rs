@@ -601,7 +601,7 @@ mod tests {
         Found { states: states.iter().collect(), logs, weights, sums, effective_size, moments }
     }
 
-    /// A step with an instruction set: the only place that compiles it, once for each.
+    /// A step with an instruction set. Both tests call it, so that `step` is compiled only once per instruction set.
     fn step_at(level: Level, count: usize, is_noise_constant: bool) -> Found {
         dispatch!(level, simd => step(simd, count, is_noise_constant))
     }

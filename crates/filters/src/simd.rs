@@ -405,7 +405,7 @@ pub(crate) mod tests {
         assert!(worst < 1.5 * f64::EPSILON && ln(1.0) == 0.0, "{worst}");
     }
 
-    /// Draws with the widest instruction set.
+    /// Draws with the widest instruction set, compiled once for both tests.
     fn drawn(seed: u64, steps: usize) -> [Vec<f64>; 3] {
         vectorised!(simd => draws::<3>(simd, seed, steps))
     }
@@ -494,7 +494,7 @@ pub(crate) mod tests {
             (numbers, powers, sums, largest)
         }
 
-        // The only place that compiles it, once for each instruction set.
+        // The only dispatch of `found`, which is therefore compiled once per instruction set.
         fn found_at(level: Level, count: usize) -> Found {
             dispatch!(level, simd => found(simd, count))
         }

@@ -130,16 +130,18 @@ fn robust_an_interrupted_run_resumes() {
         }
         sleep(Duration::from_micros(rng.random_range(0..20_000)));
         let pid = rustix::process::Pid::from_child(&child);
-        if child.try_wait().unwrap().is_none() {
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "{status}");
+        } else {
             let _ = rustix::process::kill_process(pid, signal);
             child.wait().unwrap();
         }
         let run = interrupted.path().join("run");
         if run.is_dir() {
-            // On a busy machine an evaluation may end before it is interrupted.
             if interruptions > 0 {
                 break;
             }
+            // On a busy machine an evaluation may end before it is interrupted: it begins again.
             fs::remove_dir_all(run).unwrap();
             continue;
         }

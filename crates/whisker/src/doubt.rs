@@ -14,8 +14,8 @@ pub(crate) struct DoubtSettings {
     /// Largest value that counts, which bounds the influence of an outlier.
     pub most_nis: f64,
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms. The doubt lasts until the mean has fallen halfway to 1, so that
-    /// one contradiction is one signal.
+    /// detects more and raises more false alarms. The doubt lasts until the mean has fallen halfway from
+    /// there to 1, so that one contradiction is one signal.
     pub nis: f64,
 }
 
@@ -62,8 +62,8 @@ impl Doubtful {
         let Some(Innovation { nis, .. }) = innovation else { return };
         let per_reading = nis / M as f64;
         self.nis += (per_reading.min(settings.most_nis) - self.nis) * (1.0 - (-dt_s / settings.window_s).exp());
-        let most_nis = if self.is_raised { 0.5 * (1.0 + settings.nis) } else { settings.nis };
-        self.is_raised = self.nis > most_nis;
+        let threshold = if self.is_raised { 0.5 * (1.0 + settings.nis) } else { settings.nis };
+        self.is_raised = self.nis > threshold;
     }
 
     /// Begins the next touch. What contradicted the models of the last one is no evidence about it. A mean below 1 remains, since
@@ -123,9 +123,9 @@ mod tests {
             (0..count).for_each(|_| doubtful.advance(&settings, 0.01, innovation));
             doubtful
         };
-        assert!(!advance(3.0, 1000).is_raised(), "never above the level");
-        assert!(advance(6.0, 1000).is_raised() && advance(3.0, 1000).is_raised());
-        assert!(!advance(1.0, 1000).is_raised());
+        assert!(!advance(3.0, 1000).is_raised(), "never above the threshold");
+        assert!(advance(6.0, 1000).is_raised() && advance(2.6, 1000).is_raised());
+        assert!(!advance(2.4, 1000).is_raised());
         let mut next = advance(6.0, 1000);
         next.resume();
         assert!(!next.is_raised());

@@ -101,7 +101,10 @@ fn second_contacts() -> [Claim; 3] {
         ),
         Claim::at_least(
             "contacts_second_ideal_recall".into(),
-            NOT_CONVEX.about("second contacts that an ideal test detects within 0.2 s, mean over trials"),
+            format!(
+                "random contacts: {}: second contacts that an ideal test detects within 0.2 s, mean over trials",
+                NOT_CONVEX.description
+            ),
             95.0,
             "%",
             |context| Ok(percent(NOT_CONVEX.trials(context)?, &second::IDEAL_RECALL)),

@@ -243,11 +243,14 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt if it
-/// lasts, the time for which it must last, and the probability at which the doubt ends.
+/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
+
+/// Time for which it must be exceeded.
 const MOVING_S: f64 = 0.1;
-const MAYBE_AT_REST_SHARE: f64 = 0.9;
+
+/// Probability of a moving object at or below which this doubt ends.
+const NO_LONGER_MOVING_SHARE: f64 = 0.9;
 
 /// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
 const LIKELY_MOVING_SHARE: f64 = 0.5;
@@ -296,6 +299,29 @@ struct Part<'a> {
     estimate: &'a Estimate,
     share: f64,
     considered: bool,
+}
+
+/// Signal that the object moves. It waits, since a contact that jumps from corner to corner of an object at rest makes a moving object
+/// probable for an instant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moving {
+    /// Time since the first step at which a moving object was probable. `None` if it is not.
+    since_s: Option<f64>,
+    is_raised: bool,
+}
+
+impl Moving {
+    /// Takes the probability of a moving object after a step.
+    fn advance(&mut self, dt_s: f64, share: f64) {
+        let since_s = self.since_s.map_or(0.0, |since_s| since_s + dt_s);
+        self.since_s = (share > MOVING_SHARE).then_some(since_s);
+        let lasts = self.is_raised && share > NO_LONGER_MOVING_SHARE;
+        self.is_raised = lasts || self.since_s.is_some_and(|since_s| since_s >= MOVING_S);
+    }
+
+    fn is_raised(&self) -> bool {
+        self.is_raised
+    }
 }
 
 /// The candidates on one contact.
@@ -545,27 +571,6 @@ impl AveragingTracker {
     }
 }
 
-/// Signal that the object moves. It needs time, since a contact that jumps from corner to corner of an object at rest makes a moving
-/// object probable for an instant.
-#[derive(Clone, Copy, Debug, Default)]
-struct Moving {
-    /// Time for which a moving object has been probable.
-    lasted_s: f64,
-    is_raised: bool,
-}
-
-impl Moving {
-    /// Takes the probability of a moving object after a step.
-    fn advance(&mut self, dt_s: f64, share: f64) {
-        self.lasted_s = if share > MOVING_SHARE { self.lasted_s + dt_s } else { 0.0 };
-        self.is_raised = self.lasted_s >= MOVING_S || self.is_raised && share > MAYBE_AT_REST_SHARE;
-    }
-
-    fn is_raised(&self) -> bool {
-        self.is_raised
-    }
-}
-
 impl AveragingTracker {
     /// Probability of a moving object, without the considered candidates.
     fn moving_share(&self) -> f64 {
@@ -680,7 +685,9 @@ impl AveragingTracker {
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, count, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
-        self.moving.advance(sample.dt_s, self.moving_share());
+        if innovation.is_some() && self.shows_motion(&estimates) {
+            self.moving.advance(sample.dt_s, self.moving_share());
+        }
         let model_doubtful = self.doubtful.is_raised() || self.moving.is_raised();
         let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
@@ -906,7 +913,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_an_object_moves_if_one_at_rest_is_improbable() {
+    fn verif_considered_candidates_do_not_count_for_the_probability_of_motion() {
         let knowledge = knowledge();
         let moves = |shares: [f64; 3]| {
             let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
@@ -920,7 +927,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_an_object_moves_if_that_is_probable_for_a_while() {
+    fn verif_motion_is_signalled_if_it_is_probable_for_a_while() {
         let mut moving = Moving::default();
         let mut advance = |share: f64, dt_s: f64| {
             moving.advance(dt_s, share);
@@ -928,13 +935,16 @@ mod tests {
         };
         let (probable, likely, unlikely) = (0.999, 0.95, 0.5);
         for _ in 0..10 {
-            assert!(!advance(probable, 0.6 * MOVING_S) && !advance(likely, MOVING_S));
+            // A long first step is no wait.
+            assert!(!advance(probable, 10.0 * MOVING_S) && !advance(likely, MOVING_S));
         }
-        assert!(!advance(probable, 0.6 * MOVING_S) && advance(probable, 0.6 * MOVING_S));
+        assert!(
+            !advance(probable, MOVING_S) && !advance(probable, 0.6 * MOVING_S) && advance(probable, 0.6 * MOVING_S)
+        );
         assert!(advance(likely, 1.0) && !advance(unlikely, 0.01) && !advance(likely, 1.0));
     }
 
-    /// A candidate that keeps what it knows of an object, and one that begins anew, which has an outline.
+    /// A candidate that keeps its posterior from touch to touch.
     struct Keeper;
 
     impl Tracker for Keeper {
@@ -947,6 +957,7 @@ mod tests {
         }
     }
 
+    /// A method whose candidates have an outline, which shows that they have begun anew.
     struct Anew;
 
     impl Method for Anew {
@@ -956,7 +967,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_new_touch_of_an_object_that_moves_discards_what_is_known_of_one_at_rest() {
+    fn verif_candidates_at_rest_restart_at_a_new_touch_if_the_object_probably_moves() {
         let knowledge = knowledge();
         let has_restarted = |shares: [f64; 2]| {
             let mut tracker = tracker(shares, &knowledge.faces[0]);

@@ -135,6 +135,7 @@ fn rows(times: &[Times]) -> Option<Vec<Measured>> {
     let ratio: fn(&Times) -> f64 = |times| times.replay_ns / times.rust_replay_ns;
     let mean: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_ns;
     let p99: fn(&Times) -> f64 = |times| 1e-3 * times.rust_step_p99_ns;
+    let largest: fn(&Times) -> f64 = |times| 1e-6 * times.rust_step_largest_ns;
     let row = |id: &'static str, estimator: &str, about: &str, value: Option<f64>, unit: &'static str| {
         let about = format!("{estimator}, ten traces of the standard suite: {about}");
         Some(Measured::new(id, about, value?, unit))
@@ -149,6 +150,7 @@ fn rows(times: &[Times]) -> Option<Vec<Measured>> {
         row("step_most", many, "mean time of a step in Rust, largest", extreme(many, mean, f64::max), "µs"),
         row("step_p99_least", many, "99th percentile of a step in Rust, smallest", extreme(many, p99, f64::min), "µs"),
         row("step_p99_most", many, "99th percentile of a step in Rust, largest", extreme(many, p99, f64::max), "µs"),
+        row("step_largest", many, "longest step of a trace in Rust, largest", extreme(many, largest, f64::max), "ms"),
     ]
     .into_iter()
     .collect()
@@ -162,6 +164,7 @@ struct Times {
     rust_replay_ns: f64,
     replay_ns: f64,
     rust_step_p99_ns: f64,
+    rust_step_largest_ns: f64,
 }
 
 impl Times {
@@ -176,6 +179,7 @@ impl Times {
             rust_replay_ns: number(4)?,
             replay_ns: number(5)?,
             rust_step_p99_ns: number(6)?,
+            rust_step_largest_ns: number(7)?,
         })
     }
 }
@@ -186,12 +190,15 @@ mod tests {
 
     #[test]
     fn rows_are_the_extremes_over_the_traces() {
-        let table =
-            ["a,paper-ekf,100,300,200,210,150", "b,paper-ekf,100,250,200,190,150", "a,recommended,2e4,2e4,2e4,2e4,5e4"];
+        let table = [
+            "a,paper-ekf,100,300,200,210,150,1e5",
+            "b,paper-ekf,100,250,200,190,150,1e5",
+            "a,recommended,2e4,2e4,2e4,2e4,5e4,9e6",
+        ];
         let times: Vec<_> = table.iter().map(|line| Times::of_row(line).unwrap()).collect();
         let found = rows(&times).unwrap();
         let values: Vec<_> = found.iter().map(|row| row.value).collect();
-        assert_eq!(values, [0.2, 1.05, 1.0, 20.0, 20.0, 50.0, 50.0]);
+        assert_eq!(values, [0.2, 1.05, 1.0, 20.0, 20.0, 50.0, 50.0, 9.0]);
         assert!(rows(&times[..2]).is_none() && Times::of_row("a,paper-ekf,1").is_none());
     }
 }

@@ -41,7 +41,7 @@ fn rust_tests() -> Outcome {
     run_command(cargo(&[run, &TESTED, &["--no-fail-fast"]].concat()))
 }
 
-/// Tests of the simulator. A process that has finished its tests takes over those that another one has not begun: some take minutes.
+/// Tests of the simulator. Some take minutes, so a process that has finished its own takes over tests that wait for another.
 fn python_tests() -> Outcome {
     run_command(python_command(&["-m", "pytest", "-n", "auto", "--dist", "worksteal", "sim/tests"]))
 }
