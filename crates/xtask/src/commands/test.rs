@@ -23,7 +23,7 @@ pub(super) const PARTS: &[Part] = &[
     Part { name: "python packages", run: || python::install(Requirements::Development) },
     Part { name: "rust tests", run: rust_tests },
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
-    Part { name: "python tests", run: python_tests },
+    Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "-n", "auto", "sim/tests"])) },
     Part { name: "end to end", run: end_to_end },
     Part { name: "python package", run: python_package },
 ];
@@ -39,11 +39,6 @@ pub(super) const TESTED: [&str; 5] = ["--workspace", "--exclude", "ros2-node", "
 fn rust_tests() -> Outcome {
     let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
     run_command(cargo(&[run, &TESTED, &["--no-fail-fast"]].concat()))
-}
-
-/// Tests of the simulator. Some take minutes, so a process that has finished its own takes over tests that wait for another.
-fn python_tests() -> Outcome {
-    run_command(python_command(&["-m", "pytest", "-n", "auto", "--dist", "worksteal", "sim/tests"]))
 }
 
 fn has_nextest() -> bool {
