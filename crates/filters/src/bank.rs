@@ -4,6 +4,8 @@
 //! order of the least Kullback-Leibler loss (Runnalls, "Kullback-Leibler approach to Gaussian mixture reduction", IEEE
 //! Transactions on Aerospace and Electronic Systems 43(3), 2007).
 
+use nalgebra::SVector;
+
 use crate::gaussian::{Mixture, log_determinant};
 use crate::{Gaussian, Innovation, Update, UpdateError};
 
@@ -48,54 +50,58 @@ impl<Part> Hypothesis<Part> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank<const N: usize, Part = Gaussian<N>> {
     hypotheses: Vec<Hypothesis<Part>>,
-    /// Shapes of the hypotheses and merging losses of all pairs; buffers, so that merging does not allocate.
+    /// Shapes of the hypotheses, and for all pairs the merging loss or a lower bound of it, and whether it is the loss; and for each
+    /// hypothesis the later one with the least of these. Buffers, so that merging does not allocate.
     shapes: Vec<Shape<N>>,
-    losses: Vec<Loss>,
+    losses: Vec<f64>,
+    is_loss: Vec<bool>,
+    nearest: Vec<Nearest>,
 }
 
-/// Loss of merging two hypotheses, as far as it has been computed.
+/// Of the hypotheses after another one, the one with which merging it loses least, and that loss or its lower bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Loss {
-    Unknown,
-    /// A lower bound.
-    AtLeast(f64),
-    /// The loss.
-    Of(f64),
+struct Nearest {
+    other: usize,
+    loss: f64,
 }
 
-/// Weight, moments and weighted log-determinant of a hypothesis.
+/// What a hypothesis contributes to the bounds of merging losses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shape<const N: usize> {
     weight: f64,
-    belief: Gaussian<N>,
+    mean: SVector<f64, N>,
+    variances: SVector<f64, N>,
+    /// Its weight times the log-determinant of its covariance.
     width: f64,
 }
 
 impl<const N: usize> Shape<N> {
     fn of<Part: Belief<N>>(hypothesis: &Hypothesis<Part>) -> Self {
-        let (weight, belief) = (hypothesis.weight(), hypothesis.belief.moments());
-        Self { weight, belief, width: weight * log_determinant(&belief.covariance) }
-    }
-
-    /// Loss of merging two weighted Gaussians.
-    fn loss(&self, other: &Self) -> f64 {
-        let together = self.belief.merged(self.weight, &other.belief, other.weight);
-        let joint = (self.weight + other.weight) * log_determinant(&together.covariance);
-        0.5 * (joint - self.width - other.width)
+        let (weight, Gaussian { mean, covariance }) = (hypothesis.weight(), hypothesis.belief.moments());
+        Self { weight, mean, variances: covariance.diagonal(), width: weight * log_determinant(&covariance) }
     }
 
     /// Lower bound of the loss, cheaper than the loss: with the weighted mean `P` of the covariances, the difference `d`
     /// of the means and the shares `u` and `v` of the weights, the merged covariance is `P + u v d d'`. Its determinant is
     /// `det P (1 + u v d' P^-1 d)`, of which `d' P^-1 d >= d_i^2 / P_ii` for every `i`, and `ln det P` is at least the
     /// weighted mean of those of the parts.
-    fn least_loss(&self, other: &Self) -> f64 {
+    ///
+    /// Infinity as soon as an `i` shows that the bound is at least `most`, without a logarithm: with `x = u v d_i^2 / P_ii` and `l`
+    /// the value that `ln(1 + x)` must reach, `1 + x >= (1 - l / 8)^-8 >= exp(l)`.
+    fn least_loss(&self, other: &Self, most: f64) -> f64 {
         let total = self.weight + other.weight;
-        let (share, other_share) = (self.weight / total, other.weight / total);
-        let apart = (0..N).map(|i| {
-            let variance = share * self.belief.covariance[(i, i)] + other_share * other.belief.covariance[(i, i)];
-            (self.belief.mean[i] - other.belief.mean[i]).powi(2) / variance
-        });
-        0.5 * total * (share * other_share * apart.fold(0.0, f64::max)).ln_1p()
+        let both = self.weight * other.weight / total;
+        let falls = (1.0 - most / (4.0 * total)).max(0.0).powi(8);
+        let mut apart = 0.0_f64;
+        for i in 0..N {
+            let variance = self.weight * self.variances[i] + other.weight * other.variances[i];
+            let squared = both * (self.mean[i] - other.mean[i]).powi(2);
+            if (variance + squared) * falls > variance {
+                return f64::INFINITY;
+            }
+            apart = apart.max(squared / variance);
+        }
+        0.5 * total * apart.ln_1p()
     }
 }
 
@@ -106,8 +112,10 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
         let hypotheses: Vec<_> = parts.map(hypothesis).collect();
         let shapes = Vec::with_capacity(hypotheses.len());
-        let losses = Vec::with_capacity(hypotheses.len().pow(2));
-        let mut bank = Self { hypotheses, shapes, losses };
+        let pairs = hypotheses.len().pow(2);
+        let (losses, is_loss) = (Vec::with_capacity(pairs), Vec::with_capacity(pairs));
+        let nearest = Vec::with_capacity(hypotheses.len());
+        let mut bank = Self { hypotheses, shapes, losses, is_loss, nearest };
         bank.normalise();
         bank
     }
@@ -189,52 +197,93 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// Merges pairs of hypotheses in the order of least loss while the loss is below `most_loss`. The loss is an upper
     /// bound of the Kullback-Leibler divergence between the mixtures before and after (Runnalls 2007, equation 21).
     pub fn merge(&mut self, most_loss: f64) {
+        let columns = self.hypotheses.len();
         self.shapes.clear();
         self.shapes.extend(self.hypotheses.iter().map(Shape::of));
-        let count = self.shapes.len();
         self.losses.clear();
-        self.losses.resize(count * count, Loss::Unknown);
-        while let Some((i, j)) = self.closest(most_loss, count) {
-            let other = self.hypotheses.swap_remove(j);
-            let one = &mut self.hypotheses[i];
-            let weight = one.weight() + other.weight();
-            one.belief = one.belief.merged(one.weight(), &other.belief, other.weight());
-            one.log_weight = weight.ln();
-            // The last hypothesis takes the place of the removed one; of the losses, those of the two changed places are
-            // unknown again.
-            self.shapes.swap_remove(j);
-            self.shapes[i] = Shape::of(&self.hypotheses[i]);
-            for changed in [i, j] {
-                for k in 0..count {
-                    self.losses[changed * count + k] = Loss::Unknown;
-                    self.losses[k * count + changed] = Loss::Unknown;
-                }
+        self.losses.resize(columns * columns, f64::INFINITY);
+        self.is_loss.clear();
+        self.is_loss.resize(columns * columns, false);
+        self.nearest.clear();
+        for i in 0..columns {
+            (i + 1..columns).for_each(|j| self.bound(i, j, columns, most_loss));
+            self.nearest.push(self.nearest_to(i, columns));
+        }
+        while let Some((i, j)) = self.closest(most_loss, columns) {
+            self.join(i, j);
+            self.update_losses(i, j, columns, most_loss);
+        }
+    }
+
+    /// Merges a pair `i < j`. The last hypothesis takes the place of `j`.
+    fn join(&mut self, i: usize, j: usize) {
+        let other = self.hypotheses.swap_remove(j);
+        let one = &mut self.hypotheses[i];
+        let weight = one.weight() + other.weight();
+        one.belief = one.belief.merged(one.weight(), &other.belief, other.weight());
+        one.log_weight = weight.ln();
+        self.shapes.swap_remove(j);
+        self.shapes[i] = Shape::of(&self.hypotheses[i]);
+    }
+
+    /// The losses after [`Self::join`], in rows of `columns`.
+    fn update_losses(&mut self, i: usize, j: usize, columns: usize, most_loss: f64) {
+        let last = self.shapes.len();
+        for k in (0..last).filter(|k| *k != j) {
+            let (to, from) = (k.min(j) * columns + k.max(j), k * columns + last);
+            (self.losses[to], self.is_loss[to]) = (self.losses[from], self.is_loss[from]);
+        }
+        (0..i).for_each(|k| self.bound(k, i, columns, most_loss));
+        (i + 1..last).for_each(|k| self.bound(i, k, columns, most_loss));
+        self.nearest.truncate(last);
+        for k in 0..last {
+            let Nearest { other, loss } = self.nearest[k];
+            if k == i || k == j || [i, j, last].contains(&other) {
+                self.nearest[k] = self.nearest_to(k, columns);
+            } else if k < i && self.losses[k * columns + i] < loss {
+                self.nearest[k] = Nearest { other: i, loss: self.losses[k * columns + i] };
             }
         }
     }
 
-    /// Pair `i < j` with the least merging loss, from rows of `count` losses. `None` unless that is below `most_loss`.
-    fn closest(&mut self, most_loss: f64, count: usize) -> Option<(usize, usize)> {
-        let (mut least, mut pair) = (most_loss, None);
-        for (i, one) in self.shapes.iter().enumerate() {
-            for (j, other) in self.shapes.iter().enumerate().skip(i + 1) {
-                let known = &mut self.losses[i * count + j];
-                if *known == Loss::Unknown {
-                    *known = Loss::AtLeast(one.least_loss(other));
-                }
-                if let Loss::AtLeast(bound) = *known
-                    && bound < least
-                {
-                    *known = Loss::Of(one.loss(other));
-                }
-                if let Loss::Of(loss) = *known
-                    && loss < least
-                {
-                    (least, pair) = (loss, Some((i, j)));
-                }
+    /// Loss of merging a pair.
+    fn loss(&self, i: usize, j: usize) -> f64 {
+        let (one, other) = (&self.shapes[i], &self.shapes[j]);
+        let [belief, other_belief] = [i, j].map(|k| self.hypotheses[k].belief.moments());
+        let together = belief.merged(one.weight, &other_belief, other.weight);
+        0.5 * ((one.weight + other.weight) * log_determinant(&together.covariance) - one.width - other.width)
+    }
+
+    /// Computes a lower bound of the loss of a pair `i < j`.
+    fn bound(&mut self, i: usize, j: usize, columns: usize, most_loss: f64) {
+        self.losses[i * columns + j] = self.shapes[i].least_loss(&self.shapes[j], most_loss);
+        self.is_loss[i * columns + j] = false;
+    }
+
+    /// The least loss or bound of `i` with a later hypothesis, the first of several.
+    fn nearest_to(&self, i: usize, columns: usize) -> Nearest {
+        let mut nearest = Nearest { other: i, loss: f64::INFINITY };
+        let losses = &self.losses[i * columns..][..self.shapes.len()];
+        for (other, &loss) in losses.iter().enumerate().skip(i + 1) {
+            if loss < nearest.loss {
+                nearest = Nearest { other, loss };
             }
         }
-        pair
+        nearest
+    }
+
+    /// Pair `i < j` with the least merging loss, the first of several. `None` unless that is below `most_loss`.
+    fn closest(&mut self, most_loss: f64, columns: usize) -> Option<(usize, usize)> {
+        loop {
+            let rows = self.nearest.iter().enumerate().filter(|(_, nearest)| nearest.loss < most_loss);
+            let (i, &Nearest { other: j, .. }) = rows.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?;
+            let pair = i * columns + j;
+            if self.is_loss[pair] {
+                return Some((i, j));
+            }
+            (self.losses[pair], self.is_loss[pair]) = (self.loss(i, j), true);
+            self.nearest[i] = self.nearest_to(i, columns);
+        }
     }
 
     /// Mean and covariance of the mixture. `None` if it is empty.
@@ -283,15 +332,14 @@ mod tests {
         let one = Gaussian::new(vector![0.0, 1.0], matrix![2.0, 0.3; 0.3, 0.5]);
         for (i, apart) in [0.0, 0.1, 1.0, 10.0, 1e3].into_iter().enumerate() {
             let other = Gaussian::new(vector![apart, 1.0 - 0.4 * apart], matrix![0.4, -0.1; -0.1, 0.1 + i as f64]);
-            let (weight, other_weight) = (0.3, 0.1);
-            let shape = |weight: f64, belief: Gaussian<2>| Shape {
-                weight,
-                belief,
-                width: weight * log_determinant(&belief.covariance),
-            };
-            let (one, other) = (shape(weight, one), shape(other_weight, other));
-            let (least, loss) = (one.least_loss(&other), one.loss(&other));
+            let mut bank = Bank::new([(one, 0.0), (other, -1.0)]);
+            bank.shapes.extend(bank.hypotheses.iter().map(Shape::of));
+            let (least, loss) = (bank.shapes[0].least_loss(&bank.shapes[1], f64::INFINITY), bank.loss(0, 1));
             assert!(least <= loss + 1e-12, "{apart}: {least} {loss}");
+            for most in [1e-3, 1e-2, 0.1, 1.0] {
+                let found = bank.shapes[0].least_loss(&bank.shapes[1], most);
+                assert!(found == least || found == f64::INFINITY && least >= most, "{apart} {most}: {found} {least}");
+            }
         }
     }
 

@@ -4,6 +4,8 @@ use filters::iterated::{self, Search};
 use filters::robust::{self, InflatedNoise};
 use filters::{Bank, Gaussian, Innovation, Measurement, Update, UpdateError, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2, matrix, vector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 
 const SEARCH: Search = Search { iterations: 20, tolerance_sds: 1e-9 };
 
@@ -103,6 +105,45 @@ fn verif_merging_preserves_mean_and_covariance() {
     assert_eq!(bank.hypotheses().len(), 1);
     let after = bank.moments().unwrap();
     assert!((after.mean - before.mean).norm() < 1e-12 && (after.covariance - before.covariance).norm() < 1e-12);
+}
+
+/// Merging compares bounds of the losses and keeps those that have not changed; the sequence is that of the least losses.
+#[test]
+fn val_pairs_are_merged_in_the_order_of_least_loss() {
+    const MOST: f64 = 0.05;
+    let mut random = Pcg64::seed_from_u64(1);
+    let mut merged = 0;
+    for count in [2, 3, 10, 40] {
+        let mut part = || {
+            let mean = Vector2::from_fn(|_, _| random.random_range(-3.0..3.0));
+            let root = Matrix2::from_fn(|_, _| random.random_range(-1.0..1.0));
+            (Gaussian::new(mean, root * root.transpose() + Matrix2::identity() * 0.05), random.random_range(-6.0..0.0))
+        };
+        let mut bank = Bank::new((0..count).map(|_| part()));
+        let mut expected: Vec<_> = bank.hypotheses().iter().map(|one| (one.belief, one.weight())).collect();
+        let width = |(belief, weight): &(Gaussian<2>, f64)| weight * belief.covariance.determinant().ln();
+        let joined = |one: &(Gaussian<2>, f64), other: &(Gaussian<2>, f64)| {
+            (Gaussian::of_mixture([*one, *other]).unwrap(), one.1 + other.1)
+        };
+        loop {
+            let pairs = (0..expected.len()).flat_map(|i| (i + 1..expected.len()).map(move |j| (i, j)));
+            let loss = |(i, j): (usize, usize)| {
+                let (one, other) = (&expected[i], &expected[j]);
+                0.5 * (width(&joined(one, other)) - width(one) - width(other))
+            };
+            let least = pairs.map(|pair| (pair, loss(pair))).min_by(|a, b| a.1.total_cmp(&b.1));
+            let Some(((i, j), _)) = least.filter(|(_, loss)| *loss < MOST) else { break };
+            let other = expected.swap_remove(j);
+            expected[i] = joined(&expected[i], &other);
+            merged += 1;
+        }
+        bank.merge(MOST);
+        assert_eq!(bank.hypotheses().len(), expected.len());
+        for (found, (belief, weight)) in bank.hypotheses().iter().zip(&expected) {
+            assert!((found.weight() - weight).abs() < 1e-12 && (found.belief.mean - belief.mean).norm() < 1e-9);
+        }
+    }
+    assert!(merged > 20, "{merged}");
 }
 
 #[test]
