@@ -16,6 +16,11 @@ pub trait Belief<const N: usize>: Clone {
 
     /// One belief with the mean and covariance of the mixture of two.
     fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self;
+
+    /// Whether mean and covariance are finite.
+    fn is_finite(&self) -> bool {
+        self.moments().is_finite()
+    }
 }
 
 impl<const N: usize> Belief<N> for Gaussian<N> {
@@ -25,6 +30,10 @@ impl<const N: usize> Belief<N> for Gaussian<N> {
 
     fn merged(&self, weight: f64, other: &Self, other_weight: f64) -> Self {
         Self::of_mixture([(*self, weight), (*other, other_weight)]).unwrap_or(*self)
+    }
+
+    fn is_finite(&self) -> bool {
+        self.is_finite()
     }
 }
 
@@ -87,11 +96,11 @@ impl<const N: usize> Shape<N> {
     /// weighted mean of those of the parts.
     ///
     /// Infinity as soon as an `i` shows that the bound is at least `most`, without a logarithm: with `x = u v d_i^2 / P_ii` and `l`
-    /// the value that `ln(1 + x)` must reach, `1 + x >= (1 - l / 8)^-8 >= exp(l)`.
+    /// the value that `ln(1 + x)` must reach, `1 + x >= (1 - l / 32)^-32 >= exp(l)`.
     fn least_loss(&self, other: &Self, most: f64) -> f64 {
         let total = self.weight + other.weight;
         let both = self.weight * other.weight / total;
-        let falls = (1.0 - most / (4.0 * total)).max(0.0).powi(8);
+        let falls = (1.0 - most / (16.0 * total)).max(0.0).powi(32);
         let mut apart = 0.0_f64;
         for i in 0..N {
             let variance = self.weight * self.variances[i] + other.weight * other.variances[i];
@@ -139,7 +148,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), UpdateError>) {
         let before = self.hypotheses.len();
         self.hypotheses.retain_mut(|hypothesis| {
-            predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.moments().is_finite()
+            predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.is_finite()
         });
         if self.hypotheses.len() < before {
             self.normalise();
@@ -161,7 +170,7 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         for hypothesis in &mut self.hypotheses {
             let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());
             hypothesis.log_evidence = match update(&mut hypothesis.belief) {
-                Ok(_) if !hypothesis.belief.moments().is_finite() => {
+                Ok(_) if !hypothesis.belief.is_finite() => {
                     hypothesis.belief = before;
                     None
                 }

@@ -138,7 +138,11 @@ pub(crate) fn symmetrised<const N: usize>(p: SMatrix<f64, N, N>) -> SMatrix<f64,
 
 /// Logarithm of the determinant of a covariance; minus infinity unless it is positive definite.
 pub(crate) fn log_determinant<const N: usize>(p: &SMatrix<f64, N, N>) -> f64 {
-    Factor::of(p).map_or(f64::NEG_INFINITY, |factor| 2.0 * factor.lower().diagonal().map(f64::ln).sum())
+    // A product of four standard deviations has a logarithm as long as they are above 1e-77.
+    let log = |factor: Factor<N>| -> f64 {
+        factor.lower().diagonal().as_slice().chunks(4).map(|some| some.iter().product::<f64>().ln()).sum()
+    };
+    Factor::of(p).map_or(f64::NEG_INFINITY, |factor| 2.0 * log(factor))
 }
 
 /// Lower Cholesky factor of a small covariance. The unrolled loops are several times faster than nalgebra's

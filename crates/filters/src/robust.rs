@@ -72,6 +72,14 @@ impl<const N: usize, const M: usize, Model: Measurement<N, M>> Measurement<N, M>
         self.model.linearised(x)
     }
 
+    fn linearised_with_noise(
+        &self,
+        x: &SVector<f64, N>,
+    ) -> Option<(SVector<f64, M>, SMatrix<f64, M, N>, SMatrix<f64, M, M>)> {
+        let (expected, jacobian, noise) = self.model.linearised_with_noise(x)?;
+        Some((expected, jacobian, noise * self.factor))
+    }
+
     fn predict_each(&self, states: &StateArray<N>, expected: &mut StateArray<M>) {
         self.model.predict_each(states, expected);
     }

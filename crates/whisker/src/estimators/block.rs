@@ -92,6 +92,11 @@ impl Blocks {
         }
     }
 
+    /// Samples after the first one of the touch, at which the base had this pose, none of which are taken one by one.
+    pub(super) fn after(first: Pose<Base, Start>, length_m: f64) -> Self {
+        Self { has_begun: true, ..Self::new(first, length_m) }
+    }
+
     /// Takes a sample, with the base's pose at it. The mean of the block that it ends.
     pub(super) fn take(
         &mut self,
@@ -149,6 +154,55 @@ impl Blocks {
         let (last, last_s) = self.last;
         let dt_s = self.now_s + sample.dt_s - last_s;
         Sample { motion: last.then(&base.inverse()), dt_s, reading_n_m: sample.reading_n_m }
+    }
+}
+
+/// Samples of the candidates that are improbable at a touch. At its onset, in which the others take samples one by one, these take
+/// blocks, and their evidence does not count.
+#[derive(Debug)]
+pub(super) struct Latecomers {
+    is_late: Vec<bool>,
+    blocks: Blocks,
+    /// Time until the end of the onset.
+    left_s: f64,
+}
+
+impl Latecomers {
+    /// Those among candidates that have taken the first sample of a touch, with the base at a pose, of a whisker of this length.
+    pub(super) fn new(
+        is_late: Vec<bool>,
+        settings: &BlockSettings,
+        first: Pose<Base, Start>,
+        length_m: f64,
+    ) -> Self {
+        Self { is_late, blocks: Blocks::after(first, length_m), left_s: settings.alert_s }
+    }
+
+    /// Whether a candidate is one of them.
+    pub(super) fn contain(&self, candidate: usize) -> bool {
+        self.is_late[candidate]
+    }
+
+    /// Whether the onset goes on at the next sample.
+    pub(super) fn wait(&self) -> bool {
+        self.left_s > 0.0
+    }
+
+    /// Takes a sample of the onset, with the base's pose at it. The mean of the block that it ends.
+    pub(super) fn take(
+        &mut self,
+        settings: &BlockSettings,
+        base: &Pose<Base, Start>,
+        sample: &Sample,
+    ) -> Option<BlockMean> {
+        self.left_s -= sample.dt_s;
+        let found = self.blocks.take(settings, base, sample);
+        if self.wait() { found } else { found.or_else(|| self.blocks.end()) }
+    }
+
+    /// A sample after the onset, with the motion and the time from their last block. `base` is its base pose.
+    pub(super) fn since(&self, base: &Pose<Base, Start>, sample: &Sample) -> Sample {
+        self.blocks.since_mean(base, sample)
     }
 }
 

@@ -250,6 +250,9 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     jumps: bool,
     /// Place to which the contact may have returned at the last sample.
     returned: Option<Point<Base>>,
+    /// Contact of a far more probable method at the last sample, and whether the last search was there.
+    followed: Option<Point<Base>>,
+    has_followed: bool,
     doubt: Doubt,
     inertia: Inertia,
     systematic: Systematic<N>,
@@ -282,6 +285,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             left: Vec::with_capacity(MOST_LEFT),
             jumps: false,
             returned: None,
+            followed: None,
+            has_followed: false,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             systematic: Systematic::new(touch.face.largest_reading_n_m),
@@ -411,7 +416,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.base = sample.motion.inverse().then(&self.base);
         self.time_s += sample.dt_s;
         self.carry_left(sample);
-        let returned = self.returned.take().map(|place| sample.motion.apply(place));
+        let [returned, to_follow] =
+            [&mut self.returned, &mut self.followed].map(|place| place.take().map(|place| sample.motion.apply(place)));
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
@@ -446,11 +452,23 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
-            self.return_to(returned, &mut bank, &corrected, &reading);
+            if let Some(place) = returned {
+                self.add_at(place, RETURN_SHARE, &mut bank, &corrected, &reading);
+            }
             let mut left = std::mem::take(&mut self.left);
             self.go_back(&mut left, &mut bank, &corrected, &reading, innovation);
             self.left = left;
-            self.search(&mut bank, sample, innovation);
+            if self.must_search(&bank, sample, innovation) {
+                self.leave();
+                // If the contact is not there either, the next search is of the whole whisker.
+                let to_follow = to_follow.filter(|_| !self.has_followed);
+                self.has_followed = to_follow.is_some();
+                let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
+                match to_follow {
+                    Some(place) => self.add_at(place, self.config.search.share, &mut bank, &corrected, &reading),
+                    None => bank.add(self.anywhere(sample, None), self.config.search.share),
+                }
+            }
         }
         // The sensitivities are those of one hypothesis; those of another begin as at a touch.
         if let (Some(followed), Some(most)) = (followed, bank.most_probable())
@@ -495,24 +513,20 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
     }
 
-    /// Adds hypotheses at other places if the innovations are larger than stated. If the contact may then lie beyond the calibrated arc
-    /// lengths near the tip (mean plus [`TIP_SDS`] standard deviations), it is taken to have slipped off the tip: no other place is
-    /// searched until the next touch.
-    fn search(&mut self, bank: &mut Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) {
-        let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return };
+    /// Whether the innovations are larger than stated, so that hypotheses at other places are due. If the contact may then lie beyond
+    /// the calibrated arc lengths near the tip (mean plus [`TIP_SDS`] standard deviations), it is taken to have slipped off the tip: no
+    /// other place is searched until the next touch.
+    fn must_search(&mut self, bank: &Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) -> bool {
+        let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return false };
         if !self.doubt.next(&self.config.search, sample.dt_s, nis.min(self.config.gate_sds.powi(2))) {
-            return;
+            return false;
         }
-        let Some(belief) = bank.moments_above(self.config.ignored_share) else { return };
+        let Some(belief) = bank.moments_above(self.config.ignored_share) else { return false };
         let sd_m = belief.covariance[(0, 0)].max(0.0).sqrt();
         let reach_m = self.side.bent_arc_m(AlongAway::of_state(&belief.mean)) + TIP_SDS * sd_m;
         let slipping_m = self.side.face.domain.arc_range_m().1.max(NEAR_TIP_SHARE * self.side.face.rest.length_m());
-        if self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= slipping_m {
-            self.is_lost = true;
-        } else {
-            self.leave();
-            bank.add(self.anywhere(sample, None), self.config.search.share);
-        }
+        self.is_lost |= self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= slipping_m;
+        !self.is_lost
     }
 
     /// Remembers the place of the contact from before the readings contradicted it, if it was known.
@@ -543,11 +557,17 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
     }
 
-    /// Adds hypotheses at the place to which the contact may have returned, conditioned on the sample's reading.
-    fn return_to(&self, place: Option<Point<Base>>, bank: &mut Bank<N>, sample: &Sample, reading: &ContactReading<'_>) {
-        let Some(place) = place else { return };
+    /// Adds hypotheses about a place where the contact may be, conditioned on the sample's reading, with this probability.
+    fn add_at(
+        &self,
+        place: Point<Base>,
+        share: f64,
+        bank: &mut Bank<N>,
+        sample: &Sample,
+        reading: &ContactReading<'_>,
+    ) {
         let mean = self.side.face.along_and_away(place).vector();
-        let variances_m2 = Vector2::new(RETURNED_ALONG_SD_M, RETURNED_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
+        let variances_m2 = Vector2::new(PLACE_ALONG_SD_M, PLACE_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
         let place = Gaussian { mean, covariance: Matrix2::from_diagonal(&variances_m2) };
         let conditioned = |(there, log_weight)| {
             let (there, found) = self.conditioned(there, reading, sample.reading_n_m)?;
@@ -555,7 +575,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         };
         let parts: Vec<_> = self.motion.parts(&place).into_iter().filter_map(conditioned).collect();
         if !parts.is_empty() {
-            bank.add(parts, RETURN_SHARE);
+            bank.add(parts, share);
         }
     }
 
@@ -660,9 +680,9 @@ const LEFT_SD_M: f64 = 1e-3;
 /// Distance below which two places are the same.
 const SAME_PLACE_M: f64 = 1e-3;
 
-/// Standard deviations of a place to which the contact has returned, along the whisker and away from it.
-const RETURNED_ALONG_SD_M: f64 = 1e-3;
-const RETURNED_AWAY_SD_M: f64 = 0.2e-3;
+/// Standard deviations of a place where the contact may be, along the whisker and away from it.
+const PLACE_ALONG_SD_M: f64 = 1e-3;
+const PLACE_AWAY_SD_M: f64 = 0.2e-3;
 
 /// Probability of a place to which the contact may have returned.
 const RETURN_SHARE: f64 = 0.5;
@@ -735,6 +755,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
 
     fn expect_jumps(&mut self, expected: bool) {
         self.jumps = expected;
+    }
+
+    fn follow(&mut self, place: Option<Point<Base>>) {
+        self.followed = place;
     }
 
     fn expect_return(&mut self, place: Point<Base>) {

@@ -291,12 +291,22 @@ pub trait Tracker: Send {
         false
     }
 
+    /// Whether it may take the samples at the onset of this touch in blocks, because it follows the contact as another method does until it
+    /// knows more. Default: `false`.
+    fn may_be_late(&self) -> bool {
+        false
+    }
+
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.
     fn expect_jumps(&mut self, _expected: bool) {}
 
     /// Takes note that the contact may have returned to this place of an earlier contact, at the last sample. Without effect unless
     /// jumps are expected. Default: no effect.
     fn expect_return(&mut self, _place: Point<Base>) {}
+
+    /// Takes note of the contact at the last sample according to a far more probable method: if this one has lost the contact, it
+    /// begins again there instead of searching the whole whisker. Default: no effect.
+    fn follow(&mut self, _place: Option<Point<Base>>) {}
 
     /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
     /// its covariance does not contain. `None` for methods without such errors.

@@ -29,7 +29,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::block::{BlockMean, BlockSettings, Blocks};
+use super::block::{BlockMean, BlockSettings, Blocks, Latecomers};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use super::second::{Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
@@ -243,6 +243,11 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
+/// Probability, relative to that of the most probable candidate, below which a candidate that has lost the contact begins again at the
+/// stated one, and the mean normalised innovation squared of the mixture up to which it does. Beyond, the contact may be anywhere.
+const FOLLOWING_SHARE: f64 = 1e-5;
+const CONSISTENT_NIS: f64 = 2.0;
+
 /// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
 
@@ -287,6 +292,8 @@ impl Method for ModelAveraging {
             base: touch.before,
             last: None,
             blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
+            has_begun: false,
+            late: None,
             stated: None,
             weights,
         })
@@ -344,6 +351,10 @@ struct AveragingTracker {
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
     blocks: Blocks,
+    /// Whether the candidates have taken the first sample of the touch.
+    has_begun: bool,
+    /// At the onset of a touch, the candidates that are improbable.
+    late: Option<Latecomers>,
     /// Estimate at the mean of the last block.
     stated: Option<Estimate>,
 }
@@ -470,24 +481,28 @@ impl AveragingTracker {
         (outside_m <= self.config.farthest_m).then_some(Estimate { covariance_m2, ..estimate })
     }
 
-    /// Weights of the candidates in the mean; their sum is one. With the log-likelihood ratio `L` of the considered ones to the
-    /// others, the considered ones have together the logistic function of `mean_power L - mean_evidence`.
-    fn leads(&self, parts: &[Part<'_>]) -> Vec<f64> {
-        let log_odds = |considered: f64, others: f64| considered.ln() - others.ln();
+    /// Weight of the considered candidates together in the mean: with the log-likelihood ratio `L` of them to the others, the logistic
+    /// function of `mean_power L - mean_evidence`.
+    fn lead_of_considered(&self) -> f64 {
         let sum = |values: &[f64], of: bool| -> f64 {
             values.iter().zip(&self.considered).filter(|(_, is)| **is == of).map(|(value, _)| value).sum()
         };
         let [now, prior] = [self.right.probabilities(), self.weights.as_slice()]
-            .map(|shares| log_odds(sum(shares, true), sum(shares, false)));
+            .map(|shares| sum(shares, true).ln() - sum(shares, false).ln());
         let evidence = (now - prior) / self.config.considered_power;
+        let lead = 1.0 / (1.0 + (self.config.mean_evidence - self.config.mean_power * evidence).exp());
+        if lead < self.config.ignored_share { 0.0 } else { lead }
+    }
+
+    /// Weights of the candidates in the mean; their sum is one.
+    fn leads(&self, parts: &[Part<'_>]) -> Vec<f64> {
         let total = |of: bool| parts.iter().filter(|part| part.considered == of).map(|part| part.share).sum::<f64>();
         let [others, considered] = [false, true].map(total);
         let lead = match (others > 0.0, considered > 0.0) {
-            (true, true) => 1.0 / (1.0 + (self.config.mean_evidence - self.config.mean_power * evidence).exp()),
+            (true, true) => self.lead_of_considered(),
             (false, _) => 1.0,
             (true, false) => 0.0,
         };
-        let lead = if lead < self.config.ignored_share { 0.0 } else { lead };
         let weight = |part: &Part<'_>| {
             if part.considered { lead * part.share / considered } else { (1.0 - lead) * part.share / others }
         };
@@ -521,7 +536,7 @@ impl AveragingTracker {
         let parts: Vec<_> = parts.into_iter().filter(|part| part.share >= self.config.ignored_share * most).collect();
         let known: f64 = parts.iter().map(|part| part.share).sum();
         // The more probable candidates may have none because the contact is at the tip.
-        if known < LEAST_KNOWN {
+        if known < LEAST_KNOWN * self.present_share() {
             return None;
         }
         let leads = self.leads(&parts);
@@ -601,6 +616,7 @@ impl AveragingTracker {
             seed: 0,
         });
         self.blocks.alert(&self.config.block);
+        (self.has_begun, self.late) = (false, None);
     }
 
     /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object at rest
@@ -678,9 +694,75 @@ impl AveragingTracker {
         self.touched.advance(&settings, dt_s, &self.base, contact, sd_m)
     }
 
+    /// Whether each candidate's probability is too small to count for the mean.
+    fn improbable(&self) -> Vec<bool> {
+        let shares = self.right.probabilities();
+        let most = shares.iter().copied().fold(0.0, f64::max);
+        let leads = self.considered.contains(&true) && self.lead_of_considered() > 0.0;
+        let is_improbable = |(share, considered): (&f64, &bool)| {
+            if *considered { !leads } else { *share < self.config.ignored_share * most }
+        };
+        shares.iter().zip(&self.considered).map(is_improbable).collect()
+    }
+
+    /// As long as the mixture predicts the readings, far less probable candidates that lose the contact follow the stated one.
+    fn lead_improbable(&mut self) {
+        let is_consistent = self.doubtful.mean_nis() <= CONSISTENT_NIS;
+        let Some(stated) = self.stated.filter(|_| is_consistent) else { return };
+        let shares = self.right.probabilities();
+        let least = FOLLOWING_SHARE * shares.iter().copied().fold(0.0, f64::max);
+        let followers = self.trackers.iter_mut().zip(shares).filter(|(_, share)| **share < least);
+        followers.for_each(|(tracker, _)| tracker.follow(Some(stated.contact)));
+    }
+
+    /// Probability of the candidates that are not late.
+    fn present_share(&self) -> f64 {
+        let is_late = |candidate: usize| self.late.as_ref().is_some_and(|late| late.contain(candidate));
+        self.right.probabilities().iter().enumerate().filter(|(i, _)| !is_late(*i)).map(|(_, share)| share).sum()
+    }
+
+    /// The candidates that are late at the onset of a touch: those that are improbable, those that do as another one does, and those
+    /// that are considered, to which the covariance of a contact that is hardly known yet owes little.
+    fn latecomers(&self) -> Option<Latecomers> {
+        let settings = &self.config.block;
+        let is_late = self.improbable().into_iter().zip(&self.trackers);
+        let is_late = is_late.map(|(improbable, tracker)| improbable || tracker.may_be_late()).collect();
+        let late = Latecomers::new(is_late, settings, self.base, self.face.rest.length_m());
+        (settings.samples > 1).then_some(late)
+    }
+
+    /// The candidates' estimates after a sample that is the mean of `count`. `None` also for those that are late.
+    fn estimates(&mut self, sample: &Sample, count: f64) -> Vec<Option<Estimate>> {
+        if !std::mem::replace(&mut self.has_begun, true) {
+            let estimates = self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
+            self.late = self.latecomers();
+            return estimates;
+        }
+        let Some(mut late) = self.late.take() else {
+            self.lead_improbable();
+            return self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
+        };
+        let is_onset = late.wait();
+        let of_late = if is_onset {
+            late.take(&self.config.block, &self.base, sample).map(|block| (block.sample, block.count))
+        } else {
+            Some((late.since(&self.base, sample), count))
+        };
+        let advance = |(candidate, tracker): (usize, &mut Box<dyn Tracker>)| {
+            if !late.contain(candidate) {
+                return tracker.step_mean(sample, count);
+            }
+            let (sample, count) = of_late?;
+            tracker.step_mean(&sample, count).filter(|_| !is_onset)
+        };
+        let estimates = self.trackers.iter_mut().enumerate().map(advance).collect();
+        self.late = Some(late).filter(|_| is_onset);
+        estimates
+    }
+
     /// Takes the mean of `count` samples, with the base at the mean pose.
     fn step_mean_of(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
-        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
+        let estimates = self.estimates(sample, count);
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, count, &estimates);
@@ -754,6 +836,7 @@ impl Tracker for AveragingTracker {
         self.face = touch.face.clone();
         self.base = touch.before;
         self.blocks = Blocks::new(touch.before, touch.face.rest.length_m());
+        (self.has_begun, self.late) = (false, None);
         self.stated = None;
         self.second.resume();
         self.touched.resume(touch.face.face);
@@ -812,6 +895,8 @@ mod tests {
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,
             blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),
+            has_begun: false,
+            late: None,
             stated: None,
         }
     }

@@ -167,21 +167,50 @@ pub(super) struct EarlierReading<'a, Step> {
     pub(super) reading: ContactReading<'a>,
 }
 
+impl<Step> EarlierReading<'_, Step> {
+    /// The expected reading at the state then.
+    fn expect<const N: usize>(&self, then: &SVector<f64, N>) -> Option<Vector1<f64>> {
+        if is_touching(then) { self.reading.predict(then) } else { Some(Vector1::zeros()) }
+    }
+}
+
+fn is_touching<const N: usize>(then: &SVector<f64, N>) -> bool {
+    then[1] > 0.0
+}
+
+/// The way back is solved once per evaluation.
 impl<const N: usize, Step: Process<N>> Measurement<N, 1> for EarlierReading<'_, Step> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector1<f64>> {
-        let then = self.back.predict(x);
-        let is_touching = then[1] > 0.0;
-        if is_touching { self.reading.predict(&then) } else { Some(Vector1::zeros()) }
+        self.expect(&self.back.predict(x))
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
-        let then = self.back.predict(x);
-        let is_touching = then[1] > 0.0;
-        let slope = if is_touching { self.reading.jacobian(&then)? } else { SMatrix::zeros() };
-        Some(slope * self.back.jacobian(x))
+        Some(self.linearised(x)?.1)
     }
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix1<f64> {
         self.reading.noise(&self.back.predict(x))
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
+        let (expected, jacobian, _) = self.linearised_with_noise(x)?;
+        Some((expected, jacobian))
+    }
+
+    fn predict_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, Matrix1<f64>)> {
+        let then = self.back.predict(x);
+        Some((self.expect(&then)?, self.reading.noise(&then)))
+    }
+
+    fn linearised_with_noise(
+        &self,
+        x: &SVector<f64, N>,
+    ) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>, Matrix1<f64>)> {
+        let (then, transition, _) = self.back.linearised(x);
+        if !is_touching(&then) {
+            return Some((Vector1::zeros(), SMatrix::zeros(), self.reading.noise(&then)));
+        }
+        let (expected, slope, noise) = self.reading.linearised_with_noise(&then)?;
+        Some((expected, slope * transition, noise))
     }
 }

@@ -313,6 +313,11 @@ impl Tracker for Tracer {
         true
     }
 
+    /// As long as no object is known, its filters are those of `round`.
+    fn may_be_late(&self) -> bool {
+        self.object.is_none()
+    }
+
     fn refutes_convexity(&self) -> bool {
         self.is_refuted
     }

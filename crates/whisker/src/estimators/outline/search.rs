@@ -7,7 +7,7 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use filters::least_squares::{Damping, Method, Minimisation, Settings, Wanted};
-use nalgebra::DMatrix;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::contact::contact;
 use super::curve::{Curve, PITCH_M};
@@ -53,9 +53,19 @@ const URGENT_WORK: usize = 8000;
 /// Work of most searches per reading.
 const SEARCH_WORK: usize = 40;
 
-/// Work of a comparison with its derivatives, and of the solution of the equations of a step.
+/// Work of a comparison with its derivatives.
 const DERIVATIVES_WORK: usize = 2;
-const SOLUTION_WORK: usize = 30;
+
+/// Work of the solution of the equations of a step for a number of unknowns, whose factorisation takes a time in proportion to the
+/// third power of the number.
+fn solution_work(unknowns: usize) -> usize {
+    30 + unknowns.pow(3) / 4500
+}
+
+/// Work of a column of the inverse.
+fn column_work(unknowns: usize) -> usize {
+    1 + unknowns.pow(2) / 700
+}
 
 /// Difference of cost by which the result of a distant search must be better.
 const FAR_MARGIN: f64 = 1.0;
@@ -126,8 +136,21 @@ enum Stage {
     Descent(Box<Way>, Tally),
     /// The cost of a curve at the end of a way.
     Comparison(Curve, Tally),
-    /// The covariance of the most probable curve.
-    Covariance(Tally),
+    /// The information about the most probable curve, the inverse of its covariance.
+    Information(Tally),
+    /// The covariance of the most probable curve, column by column.
+    Covariance(Box<Inversion>),
+}
+
+/// Inversion of a matrix, some columns at a time.
+struct Inversion {
+    factor: Cholesky<f64, Dyn>,
+    /// The identity, of which the first columns have been replaced by those of the inverse.
+    columns: DMatrix<f64>,
+    /// Number of these.
+    count: usize,
+    /// Effect on the curve's state of a sensor model error that is the same everywhere.
+    shift: DVector<f64>,
 }
 
 /// Range of the readings' contacts.
@@ -206,7 +229,7 @@ impl Search {
         }
     }
 
-    /// Continues by this work; the last evaluation may end with a solution beyond it. The result, if it was found.
+    /// Continues by this work, which a solution may exceed if it is all that is done. The result, if it was found.
     fn work(&mut self, side: &Side, mut most: usize) -> Option<Fitted> {
         while most > 0 {
             let placeholder = Stage::Length(Length::new(0, true));
@@ -214,7 +237,8 @@ impl Search {
                 Stage::Length(length) => self.fit_length(side, length, most),
                 Stage::Descent(way, tally) => self.descend(side, way, tally, most),
                 Stage::Comparison(curve, tally) => self.compare(side, curve, tally, most),
-                Stage::Covariance(tally) => self.conclude(side, tally, most),
+                Stage::Information(tally) => self.inform(side, tally, most),
+                Stage::Covariance(inversion) => self.invert(inversion, most),
             };
             match worked {
                 ControlFlow::Continue((stage, work)) => {
@@ -257,7 +281,7 @@ impl Search {
         let stage = if is_longer && rounds + 1 < LENGTH_ROUNDS {
             Stage::Length(Length::new(rounds + 1, is_last))
         } else if is_last {
-            Stage::Covariance(Tally::default())
+            Stage::Information(Tally::default())
         } else {
             self.ways = self.all_ways();
             self.next_way()
@@ -291,19 +315,20 @@ impl Search {
     /// Continues a way by the evaluation that it wants.
     fn descend(&mut self, side: &Side, mut way: Box<Way>, mut tally: Tally, most: usize) -> Worked {
         let evidence = self.evidence(side, way.prior);
+        let solution_work = solution_work(self.best.0.size());
         let (work, flow) = match way.descent.wanted() {
             Wanted::Approximation(curve) => {
                 let work = DERIVATIVES_WORK * evidence.add_squares(curve, &mut tally, most.div_ceil(DERIVATIVES_WORK));
-                if !evidence.is_complete(&tally) {
-                    return ControlFlow::Continue((Stage::Descent(way, tally), work));
+                if !evidence.is_complete(&tally) || waits(work, solution_work, most) {
+                    return ControlFlow::Continue((Stage::Descent(way, tally), most));
                 }
                 let (quadratic, _) = evidence.approximation(curve, tally);
                 (work, way.descent.take_approximation(&evidence, Some(quadratic)))
             }
             Wanted::Cost { state, .. } => {
                 let work = evidence.add_costs(state, &mut tally, most);
-                if !evidence.is_complete(&tally) {
-                    return ControlFlow::Continue((Stage::Descent(way, tally), work));
+                if !evidence.is_complete(&tally) || waits(work, solution_work, most) {
+                    return ControlFlow::Continue((Stage::Descent(way, tally), most));
                 }
                 let cost = evidence.total(state, &tally);
                 (work, Some(way.descent.take_cost(&evidence, Some(cost))))
@@ -321,7 +346,7 @@ impl Search {
             // The way leads nowhere.
             None => self.next_way(),
         };
-        ControlFlow::Continue((stage, work + SOLUTION_WORK))
+        ControlFlow::Continue((stage, work + solution_work))
     }
 
     /// Keeps the curve at the end of a way if it is the most probable one.
@@ -338,26 +363,48 @@ impl Search {
         ControlFlow::Continue((self.next_way(), work))
     }
 
-    /// Covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor model
+    /// Begins with the covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor model
     /// error that is the same everywhere (a consider parameter: Schmidt 1966).
-    fn conclude(&mut self, side: &Side, mut tally: Tally, most: usize) -> Worked {
+    fn inform(&mut self, side: &Side, mut tally: Tally, most: usize) -> Worked {
         let curve = &self.best.0;
         let evidence = self.evidence(side, self.prior.for_covariance());
         let work = DERIVATIVES_WORK * evidence.add_squares(curve, &mut tally, most.div_ceil(DERIVATIVES_WORK));
-        if !evidence.is_complete(&tally) {
-            return ControlFlow::Continue((Stage::Covariance(tally), work));
+        let solution_work = solution_work(curve.size());
+        if !evidence.is_complete(&tally) || waits(work, solution_work, most) {
+            return ControlFlow::Continue((Stage::Information(tally), most));
         }
         let (quadratic, pull) = evidence.approximation(curve, tally);
-        let covariance = quadratic.curvature.cholesky().map_or_else(
-            || unknown(curve),
-            |factor| {
-                let (shift, mut covariance) = (factor.solve(&pull), factor.inverse());
-                covariance.ger(1.0, &shift, &shift, 1.0);
-                covariance
-            },
-        );
-        ControlFlow::Break(Fitted { curve: curve.clone(), covariance, touched_m: self.touched_m })
+        let Some(factor) = quadratic.curvature.cholesky() else { return self.conclude(unknown(curve)) };
+        let (shift, columns) = (factor.solve(&pull), unknown(curve));
+        let inversion = Inversion { factor, columns, count: 0, shift };
+        ControlFlow::Continue((Stage::Covariance(Box::new(inversion)), work + solution_work))
     }
+
+    /// Computes the next columns of the covariance.
+    fn invert(&mut self, mut inversion: Box<Inversion>, most: usize) -> Worked {
+        let Inversion { factor, columns, count, shift } = &mut *inversion;
+        let (size, column_work) = (columns.ncols(), column_work(columns.ncols()));
+        let added = (most / column_work).clamp(1, size - *count);
+        factor.solve_mut(&mut columns.columns_mut(*count, added));
+        *count += added;
+        if *count < size {
+            return ControlFlow::Continue((Stage::Covariance(inversion), most));
+        }
+        columns.ger(1.0, shift, shift, 1.0);
+        let covariance = std::mem::take(columns);
+        self.conclude(covariance)
+    }
+
+    /// The result, with the covariance of the curve's state.
+    fn conclude(&self, covariance: DMatrix<f64>) -> Worked {
+        ControlFlow::Break(Fitted { curve: self.best.0.clone(), covariance, touched_m: self.touched_m })
+    }
+}
+
+/// Whether a solution waits for the next step of the estimator, since the present one has done some work and would exceed `most` by the
+/// solution.
+fn waits(work: usize, solution_work: usize, most: usize) -> bool {
+    work > 0 && solution_work > most.saturating_sub(work)
 }
 
 #[cfg(test)]
@@ -399,7 +446,7 @@ mod tests {
                 assert_eq!(found.covariance, at_once.covariance);
                 // The covariance alone compares every reading with its derivatives.
                 assert!(
-                    parts >= 2 * readings.len() / (most + DERIVATIVES_WORK + SOLUTION_WORK),
+                    parts >= 2 * readings.len() / (most + DERIVATIVES_WORK + solution_work(found.curve.size())),
                     "{count} {most}: {parts}"
                 );
             }
