@@ -147,9 +147,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// Propagates every hypothesis by a filter's `predict`. Hypotheses for which it fails or yields non-finite moments are dropped.
     pub fn predict(&mut self, mut predict: impl FnMut(&mut Part) -> Result<(), UpdateError>) {
         let before = self.hypotheses.len();
-        self.hypotheses.retain_mut(|hypothesis| {
-            predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.is_finite()
-        });
+        self.hypotheses
+            .retain_mut(|hypothesis| predict(&mut hypothesis.belief).is_ok() && hypothesis.belief.is_finite());
         if self.hypotheses.len() < before {
             self.normalise();
         }

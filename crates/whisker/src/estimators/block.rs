@@ -158,7 +158,7 @@ impl Blocks {
 }
 
 /// Samples of the candidates that are improbable at a touch. At its onset, in which the others take samples one by one, these take
-/// blocks, and their evidence does not count.
+/// blocks of any number of samples, and their evidence does not count.
 #[derive(Debug)]
 pub(super) struct Latecomers {
     is_late: Vec<bool>,
@@ -169,12 +169,7 @@ pub(super) struct Latecomers {
 
 impl Latecomers {
     /// Those among candidates that have taken the first sample of a touch, with the base at a pose, of a whisker of this length.
-    pub(super) fn new(
-        is_late: Vec<bool>,
-        settings: &BlockSettings,
-        first: Pose<Base, Start>,
-        length_m: f64,
-    ) -> Self {
+    pub(super) fn new(is_late: Vec<bool>, settings: &BlockSettings, first: Pose<Base, Start>, length_m: f64) -> Self {
         Self { is_late, blocks: Blocks::after(first, length_m), left_s: settings.alert_s }
     }
 
@@ -183,9 +178,9 @@ impl Latecomers {
         self.is_late[candidate]
     }
 
-    /// Whether the onset goes on at the next sample.
-    pub(super) fn wait(&self) -> bool {
-        self.left_s > 0.0
+    /// Whether the onset goes on at a sample that is the mean of `count`.
+    pub(super) fn wait(&self, count: f64) -> bool {
+        self.left_s > 0.0 && count == 1.0
     }
 
     /// Takes a sample of the onset, with the base's pose at it. The mean of the block that it ends.
@@ -196,13 +191,14 @@ impl Latecomers {
         sample: &Sample,
     ) -> Option<BlockMean> {
         self.left_s -= sample.dt_s;
-        let found = self.blocks.take(settings, base, sample);
-        if self.wait() { found } else { found.or_else(|| self.blocks.end()) }
+        self.blocks.take(&BlockSettings { samples: u32::MAX, ..*settings }, base, sample)
     }
 
-    /// A sample after the onset, with the motion and the time from their last block. `base` is its base pose.
-    pub(super) fn since(&self, base: &Pose<Base, Start>, sample: &Sample) -> Sample {
-        self.blocks.since_mean(base, sample)
+    /// At the first sample after the onset, with the base's pose at it: the mean of the samples of the onset that remain, and this
+    /// sample with the motion and the time since.
+    pub(super) fn end(&mut self, base: &Pose<Base, Start>, sample: &Sample) -> (Option<BlockMean>, Sample) {
+        let rest = self.blocks.end();
+        (rest, self.blocks.since_mean(base, sample))
     }
 }
 
@@ -262,5 +258,30 @@ mod tests {
                 assert!((block.sample.reading_n_m - 2.5e-4 * time_s).abs() < 1e-15, "{block:?}");
             }
         }
+    }
+
+    #[test]
+    fn verif_latecomers_take_blocks_from_the_second_sample_to_the_end_of_the_onset() {
+        let settings = BlockSettings { alert_s: 0.018, ..SETTINGS };
+        let base = |i: u32| Pose::<Base, Start>::new(0.4e-3 * f64::from(i), 0.0, 0.0);
+        let sample = |i: u32| Sample { motion: base(i - 1).then(&base(i).inverse()), dt_s: 0.004, reading_n_m: 1e-6 };
+        let mut late = Latecomers::new(vec![true, false], &settings, base(0), 0.08);
+        assert!(late.contain(0) && !late.contain(1));
+        let mut counts = Vec::new();
+        let mut reached = base(0);
+        for i in 1..=5 {
+            assert!(late.wait(1.0) && !late.wait(2.0));
+            let found = late.take(&settings, &base(i), &sample(i));
+            counts.push(found.map_or(0.0, |block| block.count));
+            reached = found.map_or(reached, |block| block.sample.motion.inverse().then(&reached));
+        }
+        // Three samples from the first one on are 1.2 mm.
+        assert_eq!(counts, [0.0, 0.0, 3.0, 0.0, 2.0]);
+        assert!(!late.wait(1.0) && late.take(&settings, &base(6), &sample(6)).is_none());
+        let (rest, after) = late.end(&base(7), &sample(7));
+        let rest = rest.unwrap();
+        assert_eq!(rest.count, 1.0);
+        let reached = after.motion.inverse().then(&rest.sample.motion.inverse().then(&reached));
+        assert!(reached.origin().distance(&base(7).origin()) < 1e-15 && (after.dt_s - 0.004).abs() < 1e-15);
     }
 }

@@ -250,9 +250,6 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     jumps: bool,
     /// Place to which the contact may have returned at the last sample.
     returned: Option<Point<Base>>,
-    /// Contact of a far more probable method at the last sample, and whether the last search was there.
-    followed: Option<Point<Base>>,
-    has_followed: bool,
     doubt: Doubt,
     inertia: Inertia,
     systematic: Systematic<N>,
@@ -285,8 +282,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             left: Vec::with_capacity(MOST_LEFT),
             jumps: false,
             returned: None,
-            followed: None,
-            has_followed: false,
             doubt: Doubt::default(),
             inertia: Inertia::new(&knowledge.whisker),
             systematic: Systematic::new(touch.face.largest_reading_n_m),
@@ -387,6 +382,21 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         places.iter().flat_map(parts).collect()
     }
 
+    /// Hypotheses for a contact that has jumped to another place of the object, with the logarithms of their weights: at each place a
+    /// thin object, such as a corner, and one for which everything but the place is as believed.
+    fn elsewhere(&self, sample: &Sample, belief: &Gaussian<N>) -> Vec<(Gaussian<N>, f64)> {
+        let places = self.config.start.coarser().beliefs(&self.side, sample.reading_n_m, None);
+        let parts = |(place, log_weight): &(Gaussian<2>, f64)| {
+            let thin = self.motion.parts(place).into_iter().next().map(|(part, _)| part);
+            [thin, Some(moved_to(belief, place))]
+                .into_iter()
+                .flatten()
+                .map(|part| (part, *log_weight))
+                .collect::<Vec<_>>()
+        };
+        places.iter().flat_map(parts).collect()
+    }
+
     fn condition<Reading: Measurement<N, 1>>(
         &self,
         bank: &mut Bank<N>,
@@ -416,8 +426,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.base = sample.motion.inverse().then(&self.base);
         self.time_s += sample.dt_s;
         self.carry_left(sample);
-        let [returned, to_follow] =
-            [&mut self.returned, &mut self.followed].map(|place| place.take().map(|place| sample.motion.apply(place)));
+        let returned = self.returned.take().map(|place| sample.motion.apply(place));
         let Some(mut bank) = self.bank.take() else {
             let bank = self.begin(sample);
             // If all hypotheses are lost later on, these samples are too old for a new start.
@@ -452,22 +461,13 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         // Before the contact was certain to be on the side, a reading at the tip is no evidence about the object.
         let counts = self.was_on_side || !self.config.corrected || !self.side.is_tip(at);
         if counts {
-            if let Some(place) = returned {
-                self.add_at(place, RETURN_SHARE, &mut bank, &corrected, &reading);
-            }
+            self.return_to(returned, &mut bank, &corrected, &reading);
             let mut left = std::mem::take(&mut self.left);
             self.go_back(&mut left, &mut bank, &corrected, &reading, innovation);
             self.left = left;
             if self.must_search(&bank, sample, innovation) {
                 self.leave();
-                // If the contact is not there either, the next search is of the whole whisker.
-                let to_follow = to_follow.filter(|_| !self.has_followed);
-                self.has_followed = to_follow.is_some();
-                let reading = self.reading().with_error(error_sd_n_m).of_mean(count);
-                match to_follow {
-                    Some(place) => self.add_at(place, self.config.search.share, &mut bank, &corrected, &reading),
-                    None => bank.add(self.anywhere(sample, None), self.config.search.share),
-                }
+                bank.add(self.elsewhere(sample, &predicted), self.config.search.share);
             }
         }
         // The sensitivities are those of one hypothesis; those of another begin as at a touch.
@@ -557,17 +557,11 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left.retain_mut(|left| filter.predict(&mut left.belief, &process).is_ok() && left.belief.is_finite());
     }
 
-    /// Adds hypotheses about a place where the contact may be, conditioned on the sample's reading, with this probability.
-    fn add_at(
-        &self,
-        place: Point<Base>,
-        share: f64,
-        bank: &mut Bank<N>,
-        sample: &Sample,
-        reading: &ContactReading<'_>,
-    ) {
+    /// Adds hypotheses at the place to which the contact may have returned, conditioned on the sample's reading.
+    fn return_to(&self, place: Option<Point<Base>>, bank: &mut Bank<N>, sample: &Sample, reading: &ContactReading<'_>) {
+        let Some(place) = place else { return };
         let mean = self.side.face.along_and_away(place).vector();
-        let variances_m2 = Vector2::new(PLACE_ALONG_SD_M, PLACE_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
+        let variances_m2 = Vector2::new(RETURNED_ALONG_SD_M, RETURNED_AWAY_SD_M).map(|sd_m| sd_m.powi(2));
         let place = Gaussian { mean, covariance: Matrix2::from_diagonal(&variances_m2) };
         let conditioned = |(there, log_weight)| {
             let (there, found) = self.conditioned(there, reading, sample.reading_n_m)?;
@@ -575,7 +569,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         };
         let parts: Vec<_> = self.motion.parts(&place).into_iter().filter_map(conditioned).collect();
         if !parts.is_empty() {
-            bank.add(parts, share);
+            bank.add(parts, RETURN_SHARE);
         }
     }
 
@@ -680,12 +674,22 @@ const LEFT_SD_M: f64 = 1e-3;
 /// Distance below which two places are the same.
 const SAME_PLACE_M: f64 = 1e-3;
 
-/// Standard deviations of a place where the contact may be, along the whisker and away from it.
-const PLACE_ALONG_SD_M: f64 = 1e-3;
-const PLACE_AWAY_SD_M: f64 = 0.2e-3;
+/// Standard deviations of a place to which the contact has returned, along the whisker and away from it.
+const RETURNED_ALONG_SD_M: f64 = 1e-3;
+const RETURNED_AWAY_SD_M: f64 = 0.2e-3;
 
 /// Probability of a place to which the contact may have returned.
 const RETURN_SHARE: f64 = 0.5;
+
+/// A belief of which the contact is at another place.
+fn moved_to<const N: usize>(belief: &Gaussian<N>, place: &Gaussian<2>) -> Gaussian<N> {
+    let Gaussian { mut mean, mut covariance } = *belief;
+    mean.fixed_rows_mut::<2>(0).copy_from(&place.mean);
+    covariance.fixed_rows_mut::<2>(0).fill(0.0);
+    covariance.fixed_columns_mut::<2>(0).fill(0.0);
+    covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.covariance);
+    Gaussian::new(mean, covariance)
+}
 
 /// Whether two states have their contacts at the same place.
 fn is_same_place<const N: usize>(one: &SVector<f64, N>, other: &SVector<f64, N>) -> bool {
@@ -757,10 +761,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.jumps = expected;
     }
 
-    fn follow(&mut self, place: Option<Point<Base>>) {
-        self.followed = place;
-    }
-
     fn expect_return(&mut self, place: Point<Base>) {
         self.returned = Some(place).filter(|_| self.jumps && self.config.return_rate > 0.0);
     }
@@ -805,6 +805,19 @@ mod tests {
     use crate::estimators::testing::knowledge;
     use crate::frames::{Point, World};
     use crate::sensor::Face;
+
+    #[test]
+    fn verif_a_contact_elsewhere_is_one_of_the_same_object_and_sensor() {
+        let covariance = SMatrix::<f64, 4, 4>::from_fn(|i, j| if i == j { 2.0 } else { 0.5 });
+        let belief = Gaussian::new(SVector::from([0.05, 1e-3, 4e-3, 0.7]), covariance);
+        let place = Gaussian::new(Vector2::new(0.03, 2e-3), Matrix2::new(3.0, 0.1, 0.1, 4.0));
+        let moved = moved_to(&belief, &place);
+        assert_eq!(moved.mean, SVector::from([0.03, 2e-3, 4e-3, 0.7]));
+        assert_eq!(moved.covariance.fixed_view::<2, 2>(0, 0), place.covariance);
+        assert_eq!(moved.covariance.fixed_view::<2, 2>(2, 2), covariance.fixed_view::<2, 2>(2, 2));
+        assert_eq!(moved.covariance.fixed_view::<2, 2>(0, 2), Matrix2::zeros());
+        assert_eq!(moved.covariance.fixed_view::<2, 2>(2, 0), Matrix2::zeros());
+    }
 
     /// Errors of a contact that jumps from one thin object to another after 150 samples and back after 300. With `told`, the follower
     /// learns at the first jump where the contact has gone.

@@ -304,10 +304,6 @@ pub trait Tracker: Send {
     /// jumps are expected. Default: no effect.
     fn expect_return(&mut self, _place: Point<Base>) {}
 
-    /// Takes note of the contact at the last sample according to a far more probable method: if this one has lost the contact, it
-    /// begins again there instead of searching the whole whisker. Default: no effect.
-    fn follow(&mut self, _place: Option<Point<Base>>) {}
-
     /// Second moments (m2, in Base) of the error that systematic errors of readings and poses cause in the last estimate, and which
     /// its covariance does not contain. `None` for methods without such errors.
     fn systematic_m2(&self) -> Option<Matrix2<f64>> {

@@ -243,11 +243,6 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Probability, relative to that of the most probable candidate, below which a candidate that has lost the contact begins again at the
-/// stated one, and the mean normalised innovation squared of the mixture up to which it does. Beyond, the contact may be anywhere.
-const FOLLOWING_SHARE: f64 = 1e-5;
-const CONSISTENT_NIS: f64 = 2.0;
-
 /// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
 const MOVING_SHARE: f64 = 0.99;
 
@@ -705,16 +700,6 @@ impl AveragingTracker {
         shares.iter().zip(&self.considered).map(is_improbable).collect()
     }
 
-    /// As long as the mixture predicts the readings, far less probable candidates that lose the contact follow the stated one.
-    fn lead_improbable(&mut self) {
-        let is_consistent = self.doubtful.mean_nis() <= CONSISTENT_NIS;
-        let Some(stated) = self.stated.filter(|_| is_consistent) else { return };
-        let shares = self.right.probabilities();
-        let least = FOLLOWING_SHARE * shares.iter().copied().fold(0.0, f64::max);
-        let followers = self.trackers.iter_mut().zip(shares).filter(|(_, share)| **share < least);
-        followers.for_each(|(tracker, _)| tracker.follow(Some(stated.contact)));
-    }
-
     /// Probability of the candidates that are not late.
     fn present_share(&self) -> f64 {
         let is_late = |candidate: usize| self.late.as_ref().is_some_and(|late| late.contain(candidate));
@@ -739,21 +724,23 @@ impl AveragingTracker {
             return estimates;
         }
         let Some(mut late) = self.late.take() else {
-            self.lead_improbable();
             return self.trackers.iter_mut().map(|tracker| tracker.step_mean(sample, count)).collect();
         };
-        let is_onset = late.wait();
-        let of_late = if is_onset {
-            late.take(&self.config.block, &self.base, sample).map(|block| (block.sample, block.count))
+        let is_onset = late.wait(count);
+        let (block, after) = if is_onset {
+            (late.take(&self.config.block, &self.base, sample), None)
         } else {
-            Some((late.since(&self.base, sample), count))
+            let (rest, after) = late.end(&self.base, sample);
+            (rest, Some(after))
         };
         let advance = |(candidate, tracker): (usize, &mut Box<dyn Tracker>)| {
             if !late.contain(candidate) {
                 return tracker.step_mean(sample, count);
             }
-            let (sample, count) = of_late?;
-            tracker.step_mean(&sample, count).filter(|_| !is_onset)
+            if let Some(block) = &block {
+                tracker.step_mean(&block.sample, block.count);
+            }
+            tracker.step_mean(&after?, count)
         };
         let estimates = self.trackers.iter_mut().enumerate().map(advance).collect();
         self.late = Some(late).filter(|_| is_onset);
@@ -1213,6 +1200,26 @@ mod tests {
     }
 
     const WAY_M: f64 = 1e-5;
+
+    #[test]
+    fn verif_an_improbable_candidate_takes_the_onset_in_blocks() {
+        let knowledge = Arc::new(knowledge());
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let contact = knowledge.faces[0].contact_at(AlongAway::new(0.055, 3e-3));
+        let at = side.estimate_at(contact, true, Matrix2::identity() * 1e-8, None);
+        let mut tracker = tracker([0.999, 0.001], &knowledge.faces[0]);
+        let block = BlockSettings { samples: 4, alert_s: 0.022, ..BlockSettings::default() };
+        let config = Config { block, second: SecondSettings::NONE, ..(*tracker.config).clone() };
+        (tracker.config, tracker.considered) = (Arc::new(config), vec![false, false]);
+        let taken = [(); 2].map(|()| Arc::new(Mutex::new(Vec::new())));
+        let recorders = taken.each_ref().map(|taken| Recorder(taken.clone(), at));
+        tracker.trackers = recorders.into_iter().map(|recorder| Box::new(recorder) as Box<dyn Tracker>).collect();
+        tracker.methods = Arc::new([("one", Box::new(Anew)), ("other", Box::new(Anew))]);
+        let sample = Sample { motion: Pose::new(-WAY_M, 0.0, 0.0), dt_s: 4e-3, reading_n_m: 1.0 };
+        (0..10).for_each(|_| _ = tracker.step(&sample));
+        let counts = taken.map(|taken| taken.lock().unwrap().iter().map(|(count, _)| *count).collect::<Vec<_>>());
+        assert_eq!(counts, [vec![1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0], vec![1.0, 5.0, 4.0]]);
+    }
 
     #[test]
     fn verif_a_surprising_sample_ends_the_block_before_it() {

@@ -39,6 +39,14 @@ impl Start {
         }
     }
 
+    /// Half as many hypotheses.
+    pub(super) fn coarser(self) -> Self {
+        match self {
+            Self::Single => Self::Single,
+            Self::Hypotheses { count } => Self::Hypotheses { count: count.div_ceil(2) },
+        }
+    }
+
     /// Gaussians of the contact at the touch, with the logarithms of their weights. The calibrated part of the whisker,
     /// or its part near the contact prior, is divided into equal intervals; the standard deviation along the whisker is
     /// half an interval. The deflection follows from the reading, with the reading's uncertainty, so no position along
@@ -202,15 +210,49 @@ impl<const N: usize, Step: Process<N>> Measurement<N, 1> for EarlierReading<'_, 
         Some((self.expect(&then)?, self.reading.noise(&then)))
     }
 
-    fn linearised_with_noise(
-        &self,
-        x: &SVector<f64, N>,
-    ) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>, Matrix1<f64>)> {
+    fn linearised_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>, Matrix1<f64>)> {
         let (then, transition, _) = self.back.linearised(x);
         if !is_touching(&then) {
             return Some((Vector1::zeros(), SMatrix::zeros(), self.reading.noise(&then)));
         }
         let (expected, slope, noise) = self.reading.linearised_with_noise(&then)?;
         Some((expected, slope * transition, noise))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimators::motion::{Motion, Round};
+    use crate::estimators::testing::knowledge;
+
+    /// The joint evaluation equals the single ones, both where the whisker touched then and where it was free.
+    #[test]
+    fn verif_the_joint_evaluation_of_an_earlier_reading_equals_the_single_ones() {
+        let knowledge = knowledge();
+        let side = Side::new(&knowledge.faces[0], &knowledge);
+        let round = Round::of_any_scale();
+        for (back_m, touches) in [(1e-4, true), (-5e-3, false)] {
+            let sample = Sample { motion: Pose::new(0.0, -back_m, 1e-3), dt_s: 0.0, reading_n_m: 0.0 };
+            let reading = ContactReading::new(&side, Round::INDICES).of_mean(3.0);
+            let earlier = EarlierReading { back: round.step(&side, &sample), reading };
+            // The change of the sensor model's error along the whisker is neglected.
+            let x = SVector::from([0.055, 2e-3, 1e-3, 0.0]);
+            let (expected, jacobian, noise) = earlier.linearised_with_noise(&x).unwrap();
+            assert_eq!(expected[0] != 0.0, touches);
+            let (predicted, predicted_noise) = earlier.predict_with_noise(&x).unwrap();
+            assert!((predicted - expected).norm() < 1e-12 && (earlier.predict(&x).unwrap() - expected).norm() < 1e-12);
+            assert!(
+                (predicted_noise - noise).norm() < 1e-9 * noise[0]
+                    && (earlier.noise(&x) - noise).norm() < 1e-9 * noise[0]
+            );
+            assert_eq!(earlier.jacobian(&x), Some(jacobian));
+            for i in 0..4 {
+                let step = if i == 3 { 1e-3 } else { 1e-6 };
+                let at = |by: f64| earlier.predict(&(x + SVector::<f64, 4>::ith(i, by))).unwrap()[0];
+                let slope = (at(step) - at(-step)) / (2.0 * step);
+                assert!((slope - jacobian[i]).abs() <= 1e-3 * jacobian.norm(), "{i}: {slope} {jacobian}");
+            }
+        }
     }
 }

@@ -266,14 +266,15 @@ impl Tangency {
         }
     }
 
-    /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact.
+    /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact; and the
+    /// tangency there, to within [`LAST_STEP_M`].
     pub(super) fn place_with_middle(
         middle_m: &Vector2<f64>,
         mut place: Vector2<f64>,
         at: impl Fn(&Vector2<f64>) -> Self,
-    ) -> Vector2<f64> {
+    ) -> (Vector2<f64>, Self) {
+        let mut found = at(&place);
         for _ in 0..NEWTON_STEPS {
-            let found = at(&place);
             let step = product(&found.inverse, &(middle_m - found.middle_m));
             // Without a tangency, as behind a whisker's centre of curvature, the iteration diverges.
             let step_m = step.norm();
@@ -284,8 +285,9 @@ impl Tangency {
             if step_m < LAST_STEP_M {
                 break;
             }
+            found = at(&place);
         }
-        place
+        (place, found)
     }
 }
 
@@ -295,8 +297,8 @@ impl Wandering<'_> {
         Tangency::new(self.side, place, radius_m, self.side.turn_rad(AlongAway::of_state(place)))
     }
 
-    /// Coordinates one step later of a contact with an object whose centre is at rest in the world.
-    fn moved(&self, contact: Point<Base>, middle_m: Vector2<f64>, radius_m: f64) -> Vector2<f64> {
+    /// Coordinates one step later of a contact with an object whose centre is at rest in the world, and the tangency there.
+    fn moved(&self, contact: Point<Base>, middle_m: Vector2<f64>, radius_m: f64) -> (Vector2<f64>, Tangency) {
         let middle_m = self.motion.apply(Point::from_vector(middle_m)).vector();
         let start = self.side.face.along_and_away(self.motion.apply(contact)).vector();
         Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, radius_m))
@@ -334,7 +336,7 @@ impl Process<4> for Wandering<'_> {
         let at = AlongAway::of_state(x);
         let contact = self.side.face.contact_at(at);
         let (inward, _) = inward_and_ahead(self.side, at.along_m, self.side.turn_rad(at).0);
-        let place = self.moved(contact, contact.vector() + inward * x[2], x[2]);
+        let (place, _) = self.moved(contact, contact.vector() + inward * x[2], x[2]);
         vector![place[0], place[1], x[2], x[3] * self.kept(contact)]
     }
 
@@ -368,8 +370,7 @@ impl Wandering<'_> {
         x: &Vector4<f64>,
     ) -> (Vector4<f64>, Matrix4<f64>, Matrix4<f64>, Matrix2<f64>) {
         let before = self.tangency(&x.fixed_rows::<2>(0).into(), x[2]);
-        let place = self.moved(before.contact, before.middle_m, x[2]);
-        let after = self.tangency(&place, x[2]);
+        let (place, after) = self.moved(before.contact, before.middle_m, x[2]);
         let kept = self.kept(before.contact);
         let turned = self.motion.rotation();
         let mut jacobian = Matrix4::from_diagonal(&vector![0.0, 0.0, 1.0, kept]);

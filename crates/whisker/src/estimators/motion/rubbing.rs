@@ -234,8 +234,9 @@ impl Sticking<'_> {
         let before = self.rest(place, radius_m, ratio);
         let middle_m = motion.apply(Point::from_vector(before.tangency.middle_m)).vector();
         let start = face.along_and_away(motion.apply(before.tangency.contact)).vector();
-        let found =
-            |start, ratio| Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, radius_m, ratio));
+        let found = |start, ratio| {
+            Tangency::place_with_middle(&middle_m, start, |place| self.tangency(place, radius_m, ratio)).0
+        };
         let kept = self.rest(found(start, ratio), radius_m, ratio);
         let turn_rad = self.object.turn_rad(&before.tangency, &kept.tangency);
         let surface_m = self.surface_radius_m(&place, radius_m);
