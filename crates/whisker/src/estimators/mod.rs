@@ -291,10 +291,10 @@ pub trait Tracker: Send {
         false
     }
 
-    /// Whether it may take the samples at the onset of this touch in blocks, because it follows the contact as another method does until it
-    /// knows more. Default: `false`.
-    fn may_be_late(&self) -> bool {
-        false
+    /// Name of the method as which it follows the contact until it knows more, so that it may take the onset of this touch in blocks
+    /// if that method takes single samples. Default: `None`.
+    fn follows_as(&self) -> Option<&'static str> {
+        None
     }
 
     /// Takes note whether the contact may jump from one place of the object to another. Default: no effect.

@@ -710,10 +710,13 @@ impl AveragingTracker {
     /// that are considered, to which the covariance of a contact that is hardly known yet owes little.
     fn latecomers(&self) -> Option<Latecomers> {
         let settings = &self.config.block;
-        let is_late = self.improbable().into_iter().zip(&self.trackers);
-        let is_late = is_late.map(|(improbable, tracker)| improbable || tracker.may_be_late()).collect();
-        let late = Latecomers::new(is_late, settings, self.base, self.face.rest.length_m());
-        (settings.samples > 1).then_some(late)
+        let does_as_another =
+            |tracker: &dyn Tracker| tracker.follows_as().is_some_and(|other| self.names().any(|name| name == other));
+        let candidates = self.improbable().into_iter().zip(&self.trackers);
+        let is_late: Vec<_> =
+            candidates.map(|(improbable, tracker)| improbable || does_as_another(&**tracker)).collect();
+        let has_any = settings.samples > 1 && is_late.contains(&true) && is_late.contains(&false);
+        has_any.then(|| Latecomers::new(is_late, settings, self.base, self.face.rest.length_m()))
     }
 
     /// The candidates' estimates after a sample that is the mean of `count`. `None` also for those that are late.

@@ -313,9 +313,8 @@ impl Tracker for Tracer {
         true
     }
 
-    /// As long as no object is known, its filters are those of `round`.
-    fn may_be_late(&self) -> bool {
-        self.object.is_none()
+    fn follows_as(&self) -> Option<&'static str> {
+        self.object.is_none().then_some("round")
     }
 
     fn refutes_convexity(&self) -> bool {
