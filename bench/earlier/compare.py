@@ -11,6 +11,7 @@ RMS errors (m) of all seeds.
 
 import argparse
 import csv
+import shutil
 import statistics
 import subprocess
 import sys
@@ -28,8 +29,10 @@ Sets = dict[tuple[str, str], dict[str, str]]
 def evaluated(checkout: Path) -> Sets:
     """Rows of the summary by set, after an evaluation."""
     program = checkout / "target/release/whisker"
-    options = ["--estimators", "recommended", "--seeds", str(SEEDS), "--name", RUN, "--force"]
+    options = ["--estimators", "recommended", "--seeds", str(SEEDS), "--name", RUN]
     command = [str(program.resolve()), "evaluate", f"scenes/suites/{SUITE}.json", *options]
+    # Earlier versions do not replace a finished run.
+    shutil.rmtree(checkout / "results" / RUN, ignore_errors=True)
     subprocess.run(command, cwd=checkout, check=True, stdout=subprocess.DEVNULL)
     with (checkout / "results" / RUN / "summary.csv").open(newline="") as file:
         return {(row["group"], row["whisker"]): row for row in csv.DictReader(file)}
