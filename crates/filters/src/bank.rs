@@ -74,13 +74,13 @@ struct Nearest {
     loss: f64,
 }
 
-/// What a hypothesis contributes to the bounds of merging losses.
+/// Weight, mean and variances of a hypothesis, from which the losses of merging it are bounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shape<const N: usize> {
     weight: f64,
     mean: SVector<f64, N>,
     variances: SVector<f64, N>,
-    /// Its weight times the log-determinant of its covariance.
+    /// The weight times the log-determinant of the covariance.
     width: f64,
 }
 

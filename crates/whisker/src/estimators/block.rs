@@ -162,6 +162,7 @@ impl Blocks {
 #[derive(Debug)]
 pub(super) struct Latecomers {
     is_late: Vec<bool>,
+    settings: BlockSettings,
     blocks: Blocks,
     /// Time until the end of the onset.
     left_s: f64,
@@ -170,7 +171,8 @@ pub(super) struct Latecomers {
 impl Latecomers {
     /// Those among candidates that have taken the first sample of a touch, with the base at a pose, of a whisker of this length.
     pub(super) fn new(is_late: Vec<bool>, settings: &BlockSettings, first: Pose<Base, Start>, length_m: f64) -> Self {
-        Self { is_late, blocks: Blocks::after(first, length_m), left_s: settings.alert_s }
+        let settings = BlockSettings { samples: u32::MAX, ..*settings };
+        Self { is_late, settings, blocks: Blocks::after(first, length_m), left_s: settings.alert_s }
     }
 
     /// Whether a candidate is one of them.
@@ -184,14 +186,9 @@ impl Latecomers {
     }
 
     /// Takes a sample of the onset, with the base's pose at it. The mean of the block that it ends.
-    pub(super) fn take(
-        &mut self,
-        settings: &BlockSettings,
-        base: &Pose<Base, Start>,
-        sample: &Sample,
-    ) -> Option<BlockMean> {
+    pub(super) fn take(&mut self, base: &Pose<Base, Start>, sample: &Sample) -> Option<BlockMean> {
         self.left_s -= sample.dt_s;
-        self.blocks.take(&BlockSettings { samples: u32::MAX, ..*settings }, base, sample)
+        self.blocks.take(&self.settings, base, sample)
     }
 
     /// At the first sample after the onset, with the base's pose at it: the mean of the samples of the onset that remain, and this
@@ -271,13 +268,13 @@ mod tests {
         let mut reached = base(0);
         for i in 1..=5 {
             assert!(late.wait(1.0) && !late.wait(2.0));
-            let found = late.take(&settings, &base(i), &sample(i));
+            let found = late.take(&base(i), &sample(i));
             counts.push(found.map_or(0.0, |block| block.count));
             reached = found.map_or(reached, |block| block.sample.motion.inverse().then(&reached));
         }
         // Three samples from the first one on are 1.2 mm.
         assert_eq!(counts, [0.0, 0.0, 3.0, 0.0, 2.0]);
-        assert!(!late.wait(1.0) && late.take(&settings, &base(6), &sample(6)).is_none());
+        assert!(!late.wait(1.0) && late.take(&base(6), &sample(6)).is_none());
         let (rest, after) = late.end(&base(7), &sample(7));
         let rest = rest.unwrap();
         assert_eq!(rest.count, 1.0);

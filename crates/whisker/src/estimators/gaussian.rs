@@ -382,17 +382,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         places.iter().flat_map(parts).collect()
     }
 
-    /// Hypotheses for a contact that has jumped to another place of the object, with the logarithms of their weights: at each place a
-    /// thin object, such as a corner, and one for which everything but the place is as believed.
+    /// Hypotheses for a contact that has jumped to another place of the object, with the logarithms of their weights: at each place one
+    /// with the prior of the object, that of a thin one such as a corner, and one for which everything but the place is as believed.
     fn elsewhere(&self, sample: &Sample, belief: &Gaussian<N>) -> Vec<(Gaussian<N>, f64)> {
         let places = self.config.start.coarser().beliefs(&self.side, sample.reading_n_m, None);
         let parts = |(place, log_weight): &(Gaussian<2>, f64)| {
-            let thin = self.motion.parts(place).into_iter().next().map(|(part, _)| part);
-            [thin, Some(moved_to(belief, place))]
-                .into_iter()
-                .flatten()
-                .map(|part| (part, *log_weight))
-                .collect::<Vec<_>>()
+            [self.motion.belief(place), moved_to(belief, place)].map(|part| (part, *log_weight))
         };
         places.iter().flat_map(parts).collect()
     }

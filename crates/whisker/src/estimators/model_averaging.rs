@@ -731,7 +731,7 @@ impl AveragingTracker {
         };
         let is_onset = late.wait(count);
         let (block, after) = if is_onset {
-            (late.take(&self.config.block, &self.base, sample), None)
+            (late.take(&self.base, sample), None)
         } else {
             let (rest, after) = late.end(&self.base, sample);
             (rest, Some(after))
