@@ -96,14 +96,17 @@ fn replayed(
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
     let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
     let mut shift_m = 0.0;
-    replayed_contacts(knowledge, name, 3, noise, |rod, to_base| touched(rod, to_base, point, along, &mut shift_m))
+    let found =
+        replayed_contacts(knowledge, name, (3, ROWS), noise, |rod, to_base| touched(rod, to_base, point, along, &mut shift_m));
+    assert!(found.len() > 350, "{} estimates", found.len());
+    found
 }
 
-/// Replays the contacts that `touched` gives; estimates with the true contacts.
+/// Replays the contacts that `touched` gives, in a number of rows; estimates with the true contacts.
 fn replayed_contacts(
     knowledge: &Arc<Knowledge>,
     name: &str,
-    seed: u64,
+    (seed, rows): (u64, u32),
     noise: f64,
     mut touched: impl FnMut(&Rod, &Pose<World, Base>) -> SpatialContact,
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
@@ -112,7 +115,7 @@ fn replayed_contacts(
     let row = spatial_estimator(name).unwrap();
     let mut estimator = row.build(&row.defaults(), TouchConfig::default(), knowledge).unwrap();
     let mut found = Vec::new();
-    for i in 0..ROWS {
+    for i in 0..rows {
         // The object is touched after a tenth of the push.
         let to_base = to_base(i.max(50));
         let truth = (i >= 50).then(|| touched(&rod, &to_base));
@@ -124,7 +127,6 @@ fn replayed_contacts(
             found.push((estimate, truth, to_base));
         }
     }
-    assert!(found.len() > 350, "{} estimates", found.len());
     found
 }
 
@@ -180,6 +182,23 @@ fn verif_a_rod_is_located_with_its_direction() {
 }
 
 #[test]
+fn verif_a_rod_is_located_after_the_whisker_has_slipped_to_another_one() {
+    let rest = &STRAIGHT.calibrated.rest;
+    let (first, second) = (Around::new(0.040, 0.0, 0.0), Around::new(0.046, 0.0, 0.0));
+    let (mut shift_m, mut row) = (0.0, 0);
+    let found = replayed_contacts(&STRAIGHT, "line-fit", (3, 2 * ROWS), 1.0, |rod, to_base| {
+        row += 1;
+        let at = if row < 200 { first } else { second };
+        touched(rod, to_base, at.contact(rest).vector(), Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m)
+    });
+    for (estimate, truth, _) in &found[found.len() - 50..] {
+        let error = error(estimate, truth);
+        let squared = error.dot(&(estimate.covariance_m2.try_inverse().unwrap() * error));
+        assert!(error.norm() < 1e-3 && squared < 16.0, "{error} {squared}");
+    }
+}
+
+#[test]
 fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
     // A push alone hardly determines the radius; below the deflection the contact would be unstable, and would slide the other way.
     const RADIUS_M: f64 = 0.02;
@@ -188,9 +207,10 @@ fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
         let mut near = first + Vector3::new(0.0, -1e-4, -3e-5);
         let inwards = Vector3::new(0.0, 5.0, 1.5).normalize();
         let center = first + inwards * RADIUS_M;
-        let found = replayed_contacts(&STRAIGHT, "sphere-fit", seed, 1.0, |rod, to_base| {
+        let found = replayed_contacts(&STRAIGHT, "sphere-fit", (seed, ROWS), 1.0, |rod, to_base| {
             touched_sphere(rod, to_base, center, RADIUS_M, &mut near)
         });
+        assert!(found.len() > 350, "{} estimates", found.len());
         for (estimate, truth, _) in &found[found.len() - 50..] {
             assert!(error(estimate, truth).norm() < 0.5e-3, "seed {seed}: {}", error(estimate, truth));
             let radius_m = estimate.radius.unwrap().radius_m;

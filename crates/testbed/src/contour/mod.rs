@@ -113,7 +113,7 @@ impl SurfacePoint {
 }
 
 /// Largest standard deviation of the position of a point that contributes to an outline.
-const MOST_SD_M: f64 = 1e-3;
+const MOST_SD_M: f64 = 2e-3;
 
 /// Share of surface points with a standard deviation of at most [`MOST_SD_M`] below which the outline carried by a candidate is used
 /// instead of one merged from the points.
@@ -203,7 +203,7 @@ mod tests {
             is_second: false,
             is_doubtful: false,
         };
-        let (sure, unsure) = (point(0.9e-3), point(1.1e-3));
+        let (sure, unsure) = (point(1.9e-3), point(2.1e-3));
         let of = |count: usize| [vec![&sure; count], vec![&unsure; 10]].concat();
         assert!(most_are_uncertain(&of(2)) && !most_are_uncertain(&of(3)));
         assert!(!most_are_uncertain(&[]));

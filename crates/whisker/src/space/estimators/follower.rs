@@ -74,6 +74,8 @@ pub(super) struct Follower<Model, const N: usize> {
     config: Config,
     model: Model,
     side: Side,
+    /// Arc length from which the contact has slipped.
+    near_m: Option<f64>,
     /// `None` before the first step.
     bank: Option<Bank<N>>,
     unrest: Unrest,
@@ -117,7 +119,13 @@ impl Unrest {
 
 impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
     pub(super) fn new(config: &Config, model: Model, knowledge: &Knowledge) -> Self {
-        Self { config: *config, model, side: Side::new(knowledge), bank: None, unrest: Unrest::default() }
+        let (side, unrest) = (Side::new(knowledge), Unrest::default());
+        Self { config: *config, model, side, near_m: None, bank: None, unrest }
+    }
+
+    /// The same for a contact that has slipped from the arc length `near_m`.
+    pub(super) fn slipped(self, near_m: Option<f64>) -> Self {
+        Self { near_m, ..self }
     }
 
     /// The hypotheses with their probabilities.
@@ -128,7 +136,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
 
     /// The initial hypotheses, which explain the readings of the touch.
     fn begin(&self, touch: &Sample) -> Bank<N> {
-        let places = start::beliefs(&self.side, self.config.hypotheses, touch.reading_n_m);
+        let places = start::beliefs(&self.side, self.config.hypotheses, self.near_m, touch.reading_n_m);
         let parts = |(place, weight): &(Gaussian<3>, f64)| {
             let log_weight = weight.ln();
             self.model.parts(place).into_iter().map(move |belief| (belief, log_weight))

@@ -197,7 +197,9 @@ impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let together = self.together(&estimates)?;
-        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation);
+        // Until every fit has an object, the innovations are those of filters of a contact at rest.
+        let is_fitted = self.trackers.iter().all(|tracker| tracker.log_evidence().is_some());
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| is_fitted));
         let model_doubtful = together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
         Some(Estimate { model_doubtful, ..together })
     }

@@ -86,14 +86,18 @@ impl Side {
 
     /// The same without the model error, of the mean of `count` readings, which reduces the noise alone.
     pub(super) fn other_covariance_n2_m2(&self, at: Around, count: f64) -> Matrix2<f64> {
-        let held = self.calibrated.domain.clamp(at);
-        let beyond = if held == at {
-            Vector2::zeros()
-        } else {
-            let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
-            slopes * (at.vector() - held.vector()) * BEYOND_SD
-        };
+        let beyond = self.beyond_n_m(at);
         Matrix2::identity() * (self.noise_n2_m2 / count) + beyond * beyond.transpose()
+    }
+
+    /// Standard deviation of the extrapolated part of the readings of a contact beyond the calibrated domain.
+    pub(super) fn beyond_n_m(&self, at: Around) -> Vector2<f64> {
+        let held = self.calibrated.domain.clamp(at);
+        if held == at {
+            return Vector2::zeros();
+        }
+        let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
+        slopes * (at.vector() - held.vector()) * BEYOND_SD
     }
 
     /// Covariance of the sensor model's error at a contact; beyond the calibrated domain, that at its border.

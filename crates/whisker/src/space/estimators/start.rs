@@ -9,20 +9,29 @@ use crate::space::sensor::Around;
 /// Newton steps for the displacement that explains the readings.
 const NEWTON_STEPS: usize = 8;
 
+/// Standard deviation of the way along the whisker by which a contact slips (m).
+const NEARBY_M: f64 = 3e-3;
+
 /// Gaussians of the contact at the touch with their weights: the calibrated part of the whisker is divided into `count` intervals
 /// of equal ratio, since the readings are nearly powers of the arc length; the standard deviation along the whisker is half an
 /// interval, the weight its length. The displacement follows from the two readings, with their
-/// uncertainty, so no position along the whisker is favoured before it is known how the readings grow.
-pub(super) fn beliefs(side: &Side, count: usize, reading_n_m: Vector2<f64>) -> Vec<(Gaussian<3>, f64)> {
+/// uncertainty, so no position along the whisker is favoured before it is known how the readings grow. A whisker that has slipped
+/// off an object bears on it again nearby, at an arc length about `near_m`, or anywhere, with equal probability.
+pub(super) fn beliefs(
+    side: &Side,
+    count: usize,
+    near_m: Option<f64>,
+    reading_n_m: Vector2<f64>,
+) -> Vec<(Gaussian<3>, f64)> {
     let (first_m, high_m) = side.calibrated.domain.tabulated_range_m();
     let edge_m = |i: usize| first_m * (high_m / first_m).powf(i as f64 / count as f64);
-    let stretches = (0..count).map(|i| (edge_m(i), edge_m(i + 1)));
-    stretches
-        .filter_map(|(from_m, to_m)| {
-            let belief = pushed(side, 0.5 * (from_m + to_m), 0.5 * (to_m - from_m), reading_n_m)?;
-            Some((belief, to_m - from_m))
-        })
-        .collect()
+    let anywhere = (0..count).filter_map(|i| {
+        let (from_m, to_m) = (edge_m(i), edge_m(i + 1));
+        let belief = pushed(side, 0.5 * (from_m + to_m), 0.5 * (to_m - from_m), reading_n_m)?;
+        Some((belief, to_m - from_m))
+    });
+    let nearby = near_m.and_then(|near_m| Some((pushed(side, near_m, NEARBY_M, reading_n_m)?, high_m - first_m)));
+    anywhere.chain(nearby).collect()
 }
 
 /// The belief that the contact lies about `along_m`, displaced so that it has these readings. `None` if no displacement does.

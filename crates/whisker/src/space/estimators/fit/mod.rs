@@ -58,6 +58,12 @@ const BETTER: f64 = 0.5;
 /// Consecutive samples without a contact after which the object is given up.
 const LOST: usize = 50;
 
+/// Recent normalised innovation squared, per reading, above which the object is given up: the whisker has slipped off to another
+/// edge. Time constant of its mean (s), and time after the beginning of the fit (s) before which it does not count.
+const SLIPPED: f64 = 8.0;
+const SLIPPED_S: f64 = 0.5;
+const SETTLED_S: f64 = 0.5;
+
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -125,6 +131,8 @@ struct Mode<const N: usize> {
     prior: Prior<N>,
     about: Neighbours<N>,
     covariance: SMatrix<f64, N, N>,
+    /// Cost per mean relative to its expectation, at least 1.
+    excess: f64,
     log_weight: f64,
     /// The contact at the present instant, without tilt.
     near: Around,
@@ -163,6 +171,8 @@ pub(super) struct Fitter<Model, const N: usize> {
     next_start: usize,
     round: Option<Round<N>>,
     lost: usize,
+    /// Mean of the recent normalised innovations squared, per reading.
+    recent: f64,
     log_evidence: LogEvidence,
     /// Whether the readings of the last round contradict all modes.
     contradicted: bool,
@@ -220,9 +230,19 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             next_start: 0,
             round: None,
             lost: 0,
+            recent: 0.0,
             log_evidence: LogEvidence::default(),
             contradicted: false,
         }
+    }
+
+    /// The fit of another object, or of another part of it, to the readings from now on.
+    fn anew(&self) -> Self {
+        let new = Self::new(&self.config, self.model, &self.knowledge);
+        let likeliest = self.modes.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
+        let near_m = likeliest.map(|mode| mode.near.along_m);
+        let front = new.front.map(|front| front.slipped(near_m));
+        Self { unrest: self.unrest, log_evidence: self.log_evidence.anew(), front, ..new }
     }
 
     /// The modes from the probable hypotheses of the filter.
@@ -246,6 +266,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 prior: Prior { mean, sd },
                 about: Neighbours::new(&self.side, &x)?,
                 covariance,
+                excess: 1.0,
                 log_weight: weight.ln(),
                 near: Around::of_state(&x),
                 tilt: (0.0, 0.0),
@@ -285,6 +306,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             && (!is_new || quadratic.cost < BETTER * round.least_cost)
         {
             (mode.about, mode.covariance) = (about, covariance);
+            mode.excess = (quadratic.cost / round.means.len() as f64).max(1.0);
             round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
             round.least_cost = round.least_cost.min(quadratic.cost);
         }
@@ -375,7 +397,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let (of_contact, of_tilt) = mode.about.contact_slopes(model, &motion, &found);
         slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
         slopes[(TILT, TILT)] = 0.0;
-        let mut covariance = slopes * mode.covariance * slopes.transpose();
+        // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
+        // the method of least squares", Physical Review 40, 1932).
+        let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess.max(self.recent);
         for i in 0..3 {
             covariance[(i, i)] += self.config.deviation_m.powi(2);
         }
@@ -444,6 +468,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             self.model.align(&mut belief.mean, &likeliest.mean);
         }
         let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
+        let most = self.config.gate_sds.powi(2);
+        let nis = innovation.map_or(most, |innovation| innovation.nis.min(most));
+        self.recent += (0.5 * nis - self.recent) * (sample.dt_s / SLIPPED_S).min(1.0);
         if let Some(innovation) = &innovation {
             self.count(self.evidence_of(innovation, &likeliest));
         }
@@ -496,9 +523,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             }
             _ => self.search(),
         }
-        if self.front.is_none() && (self.lost >= LOST || self.modes.is_empty()) {
-            let (unrest, log_evidence) = (self.unrest, self.log_evidence.anew());
-            *self = Self { unrest, log_evidence, ..Self::new(&self.config, self.model, &self.knowledge) };
+        let has_slipped = self.recent > SLIPPED && self.elapsed_s > self.config.start_s + SETTLED_S;
+        if self.front.is_none() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
+            *self = self.anew();
         }
         estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate })
     }

@@ -1,7 +1,7 @@
 //! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Matrix2x4, SMatrix, SVector};
+use nalgebra::{Matrix2x5, SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::RestShape;
@@ -45,9 +45,9 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
-    /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of the tilt, and
-    /// that of the tilt by inertia.
-    pull: SMatrix<f64, N, 4>,
+    /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
+    /// extrapolation, that of the tilt, and that of the tilt by inertia.
+    pull: SMatrix<f64, N, 5>,
 }
 
 impl<const N: usize> Quadratic<N> {
@@ -148,8 +148,9 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
         if let Some(model) = model.cholesky().map(|factor| factor.l()) {
-            let common = [model.column(0).into(), model.column(1).into(), by_tilt / repeats.sqrt(), by_inertia];
-            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x4::from_columns(&common))) * weight;
+            let beyond = side.beyond_n_m(*near);
+            let common = [model.column(0).into(), model.column(1).into(), beyond, by_tilt / repeats.sqrt(), by_inertia];
+            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x5::from_columns(&common))) * weight;
         }
         true
     }
