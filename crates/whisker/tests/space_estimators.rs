@@ -96,8 +96,9 @@ fn replayed(
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
     let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
     let mut shift_m = 0.0;
-    let found =
-        replayed_contacts(knowledge, name, (3, ROWS), noise, |rod, to_base| touched(rod, to_base, point, along, &mut shift_m));
+    let found = replayed_contacts(knowledge, name, (3, ROWS), noise, |rod, to_base| {
+        touched(rod, to_base, point, along, &mut shift_m)
+    });
     assert!(found.len() > 350, "{} estimates", found.len());
     found
 }
