@@ -17,7 +17,7 @@ use crate::mesh::{Face, distance_m, extent_m, nearest, vertex_distance_m};
 use crate::paper::{self, PaperUkf};
 use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch, wrong};
 use crate::process::{HeldOut, Process};
-use crate::sweep::{SweepSettings, contacts};
+use crate::sweep::{SweepSettings, SweptContact, contacts};
 
 /// Name of the estimator of fixed contacts.
 pub const FIXED: &str = "fixed-point-batch";
@@ -26,6 +26,9 @@ pub const PAPER: &str = "paper-ukf-3d";
 
 /// Least share of the contacts of a sweep that lie on a face whose distances are stated.
 const FACE_SHARE: f64 = 0.1;
+
+/// 0.975 quantile of the standard normal distribution.
+const NORMAL_95: f64 = 1.959_963_984_540_054;
 
 /// Error of a sensor model on left-out lines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,6 +79,12 @@ pub struct SweepScore {
     pub shifted_mean_m: Option<f64>,
     /// 95th percentile after this shift (m).
     pub shifted_p95_m: Option<f64>,
+    /// Stated standard deviation of the contacts across the surface, root mean square (m).
+    pub normal_sd_m: Option<f64>,
+    /// Share of the contacts whose distance from the surface after the shift is at most 1.96 times this standard deviation.
+    pub shifted_coverage: Option<f64>,
+    /// Mean of the squared distances after the shift, relative to the stated variance: 1 if it is right.
+    pub shifted_nees: Option<f64>,
     /// Length of the shift (m).
     pub shift_m: Option<f64>,
     /// Shift of the contacts along x of the object's frame (m).
@@ -186,7 +195,7 @@ pub struct Benchmark {
 
 /// Settings that the results depend on.
 #[derive(Serialize)]
-struct Stated {
+struct SettingsUsed {
     settings: Settings,
     sweep: SweepSettings,
     kernels: Vec<(String, [Kernel; 2])>,
@@ -213,7 +222,7 @@ pub fn run(folder: &Path, out: &Path, progress: &dyn Fn(&str)) -> anyhow::Result
             Err(error) => benchmark.failures.push(format!("{error:#}")),
         }
     }
-    let stated = Stated { settings: Settings::default(), sweep: SweepSettings::default(), kernels };
+    let stated = SettingsUsed { settings: Settings::default(), sweep: SweepSettings::default(), kernels };
     write_json(&out.join("space_settings.json"), &stated)?;
     write_atomically(&out.join("space_maps.csv"), &table(&benchmark.maps)?)?;
     write_atomically(&out.join("space_pins.csv"), &table(&benchmark.pins)?)?;
@@ -334,9 +343,9 @@ struct Swept<'a> {
     /// Readings of the touch.
     readings: Vec<Reading>,
     /// Contacts by the batch.
-    batch: Vec<Option<Vector3<f64>>>,
+    batch: Vec<Option<SweptContact>>,
     /// Contacts by the published filter.
-    paper: Vec<Option<Vector3<f64>>>,
+    paper: Vec<Option<SweptContact>>,
 }
 
 impl<'a> Swept<'a> {
@@ -358,11 +367,11 @@ impl<'a> Swept<'a> {
         let mut readings: Vec<Reading> = sweep.rows[first.saturating_sub(1)..last].iter().map(reading).collect();
         let batch =
             contacts(&calibrated.process.without(&[]), &calibrated.root_m, &readings, &SweepSettings::default());
-        let start_m = batch.iter().flatten().next()? + wrong(seed);
+        let start_m = batch.iter().flatten().next()?.contact_m + wrong(seed);
         let predictor = published.without(&[]);
         let before = readings.remove(0);
         let mut filter = PaperUkf::new(&predictor, before, start_m);
-        let contact = |estimate: Estimate| estimate.contact_m;
+        let contact = |Estimate { contact_m, covariance_m2, .. }: Estimate| SweptContact { contact_m, covariance_m2 };
         let paper = readings.iter().map(|reading| filter.step(*reading).map(contact)).collect();
         Some(Self { sweep, readings, batch, paper })
     }
@@ -371,9 +380,9 @@ impl<'a> Swept<'a> {
     fn faces(&self) -> Vec<FaceScore> {
         let Some(mesh) = &self.sweep.mesh else { return Vec::new() };
         let mut faces: Vec<(Face, Vec<f64>)> = Vec::new();
-        for contact in self.batch.iter().flatten() {
-            let Some(face) = Face::nearest(contact, mesh) else { continue };
-            let distance = distance_m(contact, mesh);
+        for SweptContact { contact_m, .. } in self.batch.iter().flatten() {
+            let Some(face) = Face::nearest(contact_m, mesh) else { continue };
+            let distance = distance_m(contact_m, mesh);
             match faces.iter_mut().find(|(known, _)| known.is(&face)) {
                 Some((_, distances)) => distances.push(distance),
                 None => faces.push((face, vec![distance])),
@@ -413,12 +422,13 @@ fn scores<'a>(
     calibrated: &Calibrated,
     tip_m: Option<f64>,
     swept: &[Swept<'a>],
-    of: impl for<'b> Fn(&'b Swept<'a>) -> &'b [Option<Vector3<f64>>] + Sync,
+    of: impl for<'b> Fn(&'b Swept<'a>) -> &'b [Option<SweptContact>] + Sync,
 ) -> Vec<SweepScore> {
     let shift_of = |object: &str| {
         let same = || swept.iter().filter(|other| other.sweep.object == object);
         let mesh = same().find_map(|other| other.sweep.mesh.as_ref())?;
-        let found: Vec<Vector3<f64>> = same().flat_map(|other| of(other).iter().flatten().copied()).collect();
+        let found: Vec<Vector3<f64>> =
+            same().flat_map(|other| of(other).iter().flatten().map(|found| found.contact_m)).collect();
         (!found.is_empty()).then(|| shift(&found, mesh))
     };
     let mut objects: Vec<&str> = swept.iter().map(|one| one.sweep.object.as_str()).collect();
@@ -427,9 +437,9 @@ fn scores<'a>(
         objects.par_iter().map(|object| (*object, shift_of(object))).collect();
     let score = |one: &Swept<'a>| {
         let (sweep, all) = (one.sweep, of(one));
-        let found: Vec<Vector3<f64>> = all.iter().flatten().copied().collect();
-        let is_within = |tip_m: f64, contact: &Option<Vector3<f64>>, reading: &Reading| {
-            let arc_m = contact.and_then(|contact| calibrated.wire.arc_m(&reading.to_sensor(&contact)));
+        let found: Vec<Vector3<f64>> = all.iter().flatten().map(|found| found.contact_m).collect();
+        let is_within = |tip_m: f64, contact: &Option<SweptContact>, reading: &Reading| {
+            let arc_m = contact.and_then(|contact| calibrated.wire.arc_m(&reading.to_sensor(&contact.contact_m)));
             arc_m.is_some_and(|arc_m| arc_m <= tip_m)
         };
         let reach = tip_m.map(|tip_m| {
@@ -450,6 +460,7 @@ fn scores<'a>(
         });
         let shift_m = shifts.iter().find(|(object, _)| *object == sweep.object).and_then(|(_, shift)| *shift);
         let (recorded, moved) = (surface(Vector3::zeros()), shift_m.and_then(surface));
+        let stated = shift_m.zip(mesh).map(|(shift_m, mesh)| Stated::of(all.iter().flatten(), shift_m, mesh));
         SweepScore {
             name: sweep.name.clone(),
             object: sweep.object.clone(),
@@ -463,6 +474,9 @@ fn scores<'a>(
             vertex_sd_m: vertex.map(|(_, sd)| sd),
             shifted_mean_m: moved.map(|(mean, _)| mean),
             shifted_p95_m: moved.map(|(_, p95)| p95),
+            normal_sd_m: stated.map(|stated| stated.sd_m),
+            shifted_coverage: stated.map(|stated| stated.coverage),
+            shifted_nees: stated.map(|stated| stated.nees),
             shift_m: shift_m.map(|shift| shift.norm()),
             shift_x_m: shift_m.map(|shift| shift.x),
             shift_y_m: shift_m.map(|shift| shift.y),
@@ -470,6 +484,31 @@ fn scores<'a>(
         }
     };
     swept.par_iter().map(score).collect()
+}
+
+/// Stated uncertainty of contacts across a surface, and the errors in units of it.
+#[derive(Clone, Copy)]
+struct Stated {
+    sd_m: f64,
+    coverage: f64,
+    nees: f64,
+}
+
+impl Stated {
+    /// That of shifted contacts, of which there is at least one, across the nearest part of a mesh.
+    fn of<'a>(contacts: impl Iterator<Item = &'a SweptContact>, shift_m: Vector3<f64>, mesh: &[Triangle]) -> Self {
+        let (mut count, mut variance_m2, mut covered, mut nees) = (0.0, 0.0, 0.0, 0.0);
+        for SweptContact { contact_m, covariance_m2 } in contacts {
+            let Some(Face { normal, .. }) = Face::nearest(&(contact_m + shift_m), mesh) else { continue };
+            let of_contact_m2 = normal.dot(&(covariance_m2 * normal));
+            let squared = distance_m(&(contact_m + shift_m), mesh).powi(2) / of_contact_m2;
+            count += 1.0;
+            variance_m2 += of_contact_m2;
+            covered += f64::from(squared <= NORMAL_95.powi(2));
+            nees += squared;
+        }
+        Self { sd_m: (variance_m2 / count).sqrt(), coverage: covered / count, nees: nees / count }
+    }
 }
 
 /// The shift of the contacts with the least mean squared distance from a mesh: iterative closest points, translation only.

@@ -7,7 +7,7 @@
 //! `E(r, theta)` is the integral of `M` over `theta` from the undeflected wire, where `M = 0`, and
 //! `dE/dr` the integral of `dM/dr`.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix3x2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::fixed::{FixedPoint, Reading, Settings};
@@ -75,6 +75,16 @@ pub fn normal(predictor: &Predictor<'_>, root_m: &Vector3<f64>, contact_m: &Vect
     Vector3::new(radial * cos - around * sin, radial * sin + around * cos, 0.0).try_normalize(f64::EPSILON)
 }
 
+/// Contact of a row of a sweep, in World.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SweptContact {
+    /// Contact on the centre line (m).
+    pub contact_m: Vector3<f64>,
+    /// Posterior covariance (m2). The standard deviation of a reading, most of which is that of the sensor model, counts twice: as an
+    /// error of each reading, and as one that all readings have in common, relative to their standard deviations.
+    pub covariance_m2: Matrix3<f64>,
+}
+
 /// Contacts in World of every row of a touch, whose first reading is the last one before it. `None` for contacts outside the
 /// calibrated domain.
 pub fn contacts(
@@ -82,7 +92,7 @@ pub fn contacts(
     root_m: &Vector3<f64>,
     touch: &[Reading],
     settings: &SweepSettings,
-) -> Vec<Option<Vector3<f64>>> {
+) -> Vec<Option<SweptContact>> {
     const FIRST: usize = 8;
     let rows = &touch[1..];
     let count = rows.len();
@@ -97,12 +107,15 @@ pub fn contacts(
         solve(predictor, root_m, &rows[low..=i], &mut places[low..=i], settings, 3, low > 0);
     }
     solve(predictor, root_m, rows, &mut places, settings, settings.iterations, false);
-    let reach_m = Settings::default().reach_m;
-    let is_known = |(reading, place): (&Reading, &Vector3<f64>)| {
-        let contact_m = reading.to_sensor(place);
-        (predictor.distance_m(&contact_m) <= reach_m).then_some(*place)
+    let Some(covariances_m2) = Linearised::about(predictor, root_m, rows, &places, settings).covariances_m2() else {
+        return vec![None; count];
     };
-    rows.iter().zip(&places).map(is_known).collect()
+    let reach_m = Settings::default().reach_m;
+    let known = |((reading, contact_m), covariance_m2): ((&Reading, Vector3<f64>), Matrix3<f64>)| {
+        let is_known = predictor.distance_m(&reading.to_sensor(&contact_m)) <= reach_m;
+        is_known.then_some(SweptContact { contact_m, covariance_m2 })
+    };
+    rows.iter().zip(places).zip(covariances_m2).map(known).collect()
 }
 
 /// Gauss-Newton steps for the contacts of consecutive rows. `is_tied` holds the first contact.
@@ -115,11 +128,47 @@ fn solve(
     iterations: usize,
     is_tied: bool,
 ) {
-    let count = rows.len();
-    let largest = predictor.process.largest_counts;
     for _ in 0..iterations {
+        let mut linearised = Linearised::about(predictor, root_m, rows, places, settings);
+        if is_tied {
+            for axis in 0..3 {
+                linearised.normal_matrix[(axis, axis)] += 1e12;
+            }
+        }
+        let Some(factor) = linearised.normal_matrix.cholesky() else { return };
+        let step = factor.solve(&linearised.gradient);
+        let most_m = step.amax();
+        let share = (2e-3 / most_m.max(2e-3)).min(1.0);
+        for (i, place) in places.iter_mut().enumerate() {
+            *place += step.fixed_rows::<3>(3 * i) * share;
+        }
+        if most_m < 1e-6 {
+            break;
+        }
+    }
+}
+
+/// The normal equations of the contacts of consecutive rows.
+struct Linearised {
+    normal_matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// Gradients that errors add which are one standard deviation of the reading in all rows, for both channels.
+    pull: DMatrix<f64>,
+}
+
+impl Linearised {
+    fn about(
+        predictor: &Predictor<'_>,
+        root_m: &Vector3<f64>,
+        rows: &[Reading],
+        places: &[Vector3<f64>],
+        settings: &SweepSettings,
+    ) -> Self {
+        let count = rows.len();
+        let largest = predictor.process.largest_counts;
         let mut normal_matrix = DMatrix::<f64>::zeros(3 * count, 3 * count);
         let mut gradient = DVector::<f64>::zeros(3 * count);
+        let mut pull = DMatrix::<f64>::zeros(3 * count, 2);
         let mut normals = Vec::with_capacity(count);
         for (i, reading) in rows.iter().enumerate() {
             let contact_m = reading.to_sensor(&places[i]);
@@ -136,6 +185,8 @@ fn solve(
             of += jacobian.transpose() * residual * weight;
             let mut block = normal_matrix.fixed_view_mut::<3, 3>(3 * i, 3 * i);
             block += jacobian.transpose() * jacobian * weight;
+            let of_common: Matrix3x2<f64> = jacobian.transpose() * (weight * variance.sqrt());
+            pull.fixed_view_mut::<3, 2>(3 * i, 0).copy_from(&of_common);
             normals.push(normal(predictor, root_m, &contact_m).map(|direction| reading.rotation * direction));
         }
         let mut add = |at: &[(usize, f64)], weight: Matrix3<f64>, value: Vector3<f64>| {
@@ -169,39 +220,40 @@ fn solve(
                 add(&[(i - 2, 1.0), (i - 1, -2.0), (i, 1.0)], Matrix3::identity() * share / sd_m.powi(2), change);
             }
         }
-        if is_tied {
-            for axis in 0..3 {
-                normal_matrix[(axis, axis)] += 1e12;
-            }
-        }
         for i in 0..3 * count {
             normal_matrix[(i, i)] += 1e4;
         }
-        let Some(factor) = normal_matrix.cholesky() else { return };
-        let step = factor.solve(&gradient);
-        let most_m = step.amax();
-        let share = (2e-3 / most_m.max(2e-3)).min(1.0);
-        for (i, place) in places.iter_mut().enumerate() {
-            *place += step.fixed_rows::<3>(3 * i) * share;
-        }
-        if most_m < 1e-6 {
-            break;
-        }
+        Self { normal_matrix, gradient, pull }
+    }
+
+    /// Covariance of each contact. `None` unless the normal matrix is positive definite.
+    fn covariances_m2(self) -> Option<Vec<Matrix3<f64>>> {
+        let factor: Cholesky<f64, Dyn> = self.normal_matrix.cholesky()?;
+        let common = factor.solve(&self.pull);
+        let inverse = factor.inverse();
+        let of = |i: usize| {
+            let common: Matrix3x2<f64> = common.fixed_view::<3, 2>(3 * i, 0).into_owned();
+            inverse.fixed_view::<3, 3>(3 * i, 3 * i) + common * common.transpose()
+        };
+        Some((0..inverse.nrows() / 3).map(of).collect())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector2;
+    use nalgebra::{Rotation3, Vector2};
 
     use super::*;
     use crate::kernel::{Kernel, Sample};
     use crate::process::Process;
 
+    /// Contacts at a radius and angle about the root, and at a height.
+    fn polar(r: f64, bend: f64, z: f64) -> Vector3<f64> {
+        Vector3::new(-r * bend.cos(), -r * bend.sin(), z)
+    }
+
     /// With the energy `E = r^-3 (theta - t0)^2`, the moment is `2 r^-3 (theta - t0)` and the force the gradient.
-    #[test]
-    fn verif_the_force_is_the_gradient_of_the_energy() {
-        let polar = |r: f64, bend: f64, z: f64| Vector3::new(-r * bend.cos(), -r * bend.sin(), z);
+    fn process() -> Process {
         let mut samples = Vec::new();
         for along in 0..10 {
             for height in 0..3 {
@@ -213,13 +265,43 @@ mod tests {
                 }
             }
         }
-        let process = Process::new(&samples, [Kernel::START; 2]).unwrap();
+        Process::new(&samples, [Kernel::START; 2]).unwrap()
+    }
+
+    #[test]
+    fn verif_the_force_is_the_gradient_of_the_energy() {
+        let process = process();
         for (r, bend) in [(0.025, 0.3), (0.033, 0.4)] {
             let found = normal(&process.without(&[]), &Vector3::zeros(), &polar(r, bend, 0.0)).unwrap();
             // In the direction of the pin's motion: the pin is pushed back by the wire.
             let (along, across) = (polar(1.0, bend, 0.0), Vector3::new(bend.sin(), -bend.cos(), 0.0));
             let expected = (across * 2.0 * bend / r - along * 3.0 * bend * bend / r).normalize();
             assert!(found.dot(&expected).abs() > 0.999, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn verif_the_covariance_includes_an_error_that_all_readings_have_in_common() {
+        let process = process();
+        let (predictor, settings) = (process.without(&[]), SweepSettings::default());
+        let place = polar(0.03, 0.0, 0.0);
+        let readings = |error: f64| -> Vec<Reading> {
+            let reading = |i: i32| {
+                let origin_m = Vector3::new(1e-4 * f64::from(i), 2.5e-4 * f64::from(i), 0.0);
+                let free = Reading { rotation: Rotation3::identity(), origin_m, counts: Vector2::zeros() };
+                let counts = predictor.predict(&free.to_sensor(&place)).0;
+                let sd = settings.reading_sd[0] * process.largest_counts + settings.reading_sd[1] * counts.norm();
+                Reading { counts: counts + Vector2::repeat(error * sd), ..free }
+            };
+            (0..40).map(reading).collect()
+        };
+        let found = |error: f64| contacts(&predictor, &Vector3::zeros(), &readings(error), &settings);
+        let (exact, off) = (found(0.0), found(1.0));
+        let errors = exact.iter().zip(&off).skip(20).map(|(exact, off)| (exact.unwrap(), off.unwrap()));
+        for (exact, off) in errors {
+            let moved = off.contact_m - exact.contact_m;
+            let squared = moved.dot(&exact.covariance_m2.cholesky().unwrap().solve(&moved));
+            assert!(moved.norm() > 1e-5 && squared < 4.0, "{moved} {squared}");
         }
     }
 }

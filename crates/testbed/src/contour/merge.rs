@@ -24,7 +24,7 @@ use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use whisker::frames::Point;
 
-use super::{Contour, MOST_SD_M, SurfacePoint, Vertex, direction};
+use super::{Contour, SurfacePoint, Vertex, direction};
 use crate::statistics::{NORMAL_95, mean};
 
 /// Outward offset used for ordering: length that counts as much as a rotation by one radian.
@@ -38,6 +38,9 @@ const LEAST_KEPT: f64 = 0.1;
 
 /// Upper bound of the path along the tangents between two cells relative to the chord; sqrt(2) is a right angle.
 const LONGEST_DETOUR: f64 = std::f64::consts::SQRT_2;
+
+/// Largest distance of the merged position of a cell from the nearest of its points.
+const FAR_M: f64 = 1e-3;
 
 /// Length of the steps that bridge untouched parts between two cells.
 const BRIDGE_STEP_M: f64 = 1e-3;
@@ -145,7 +148,7 @@ impl Merged {
         let stated_m2: f64 = points.iter().map(|point| share(point) / point.weight).sum();
         let covariance_m2 = points.iter().all(|point| point.is_stated).then_some(covariance);
         // Points with far too small covariances along nearly the same line have an ill-conditioned intersection.
-        let is_near = points.iter().any(|point| (point.at - at).norm() <= MOST_SD_M);
+        let is_near = points.iter().any(|point| (point.at - at).norm() <= FAR_M);
         is_near.then_some(Self { at, normal, covariance_m2, scatter: scatter_m2 / stated_m2 })
     }
 

@@ -62,6 +62,12 @@ pub(super) trait Tracker: Send {
     /// Takes one sample; the first is that of the touch. `None` if there is no estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
 
+    /// Whether the estimates are those of the fitted object. A fit begins with a filter of a contact at rest, whose innovations say
+    /// nothing about the model of the object.
+    fn is_fitted(&self) -> bool {
+        true
+    }
+
     /// Logarithm of the evidence for the model of the object from all readings so far, up to a constant that all models share.
     /// `None` if the method does not compute it, or not yet.
     fn log_evidence(&self) -> Option<f64> {
@@ -123,9 +129,9 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         Self { config: *config, model, side, near_m: None, bank: None, unrest }
     }
 
-    /// The same for a contact that has slipped from the arc length `near_m`.
-    pub(super) fn slipped(self, near_m: Option<f64>) -> Self {
-        Self { near_m, ..self }
+    /// The same for a contact that has slipped from the arc length `near_m`, with the recent acceleration of the base.
+    pub(super) fn slipped(self, near_m: Option<f64>, unrest: Unrest) -> Self {
+        Self { near_m, unrest, ..self }
     }
 
     /// The hypotheses with their probabilities.

@@ -23,6 +23,9 @@ use crate::settings::{Settings, SettingsError, with_defaults, within};
 /// Largest number of candidates.
 const MOST: usize = 16;
 
+/// Probability of the candidates with a fitted object above which the innovations of the mixture count for the signal of doubt.
+const FITTED: f64 = 0.9;
+
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -197,9 +200,9 @@ impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         let together = self.together(&estimates)?;
-        // Until every fit has an object, the innovations are those of filters of a contact at rest.
-        let is_fitted = self.trackers.iter().all(|tracker| tracker.log_evidence().is_some());
-        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| is_fitted));
+        let shares = self.trackers.iter().zip(self.shares());
+        let fitted: f64 = shares.filter(|(tracker, _)| tracker.is_fitted()).map(|(_, share)| share).sum();
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| fitted > FITTED));
         let model_doubtful = together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
         Some(Estimate { model_doubtful, ..together })
     }

@@ -90,7 +90,8 @@ impl Side {
         Matrix2::identity() * (self.noise_n2_m2 / count) + beyond * beyond.transpose()
     }
 
-    /// Standard deviation of the extrapolated part of the readings of a contact beyond the calibrated domain.
+    /// Error of the extrapolated part of the readings of a contact beyond the calibrated domain, one standard deviation, with the
+    /// sign of this part.
     pub(super) fn beyond_n_m(&self, at: Around) -> Vector2<f64> {
         let held = self.calibrated.domain.clamp(at);
         if held == at {

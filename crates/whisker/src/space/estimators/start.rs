@@ -9,7 +9,7 @@ use crate::space::sensor::Around;
 /// Newton steps for the displacement that explains the readings.
 const NEWTON_STEPS: usize = 8;
 
-/// Standard deviation of the way along the whisker by which a contact slips (m).
+/// Standard deviation of the distance along the whisker between the contacts before and after a slip (m).
 const NEARBY_M: f64 = 3e-3;
 
 /// Gaussians of the contact at the touch with their weights: the calibrated part of the whisker is divided into `count` intervals

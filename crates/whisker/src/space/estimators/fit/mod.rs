@@ -15,7 +15,8 @@
 //! A touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the object,
 //! are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence. The work
 //! is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
-//! present contact of each mode.
+//! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge, the
+//! fit begins anew with the later readings.
 
 mod readings;
 mod search;
@@ -28,6 +29,7 @@ use super::follower::{self, Follower, Tracker, Unrest};
 use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S, stable_touch};
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
+use crate::doubt::{DoubtSettings, Doubtful};
 use crate::frames::{Base, Start};
 use crate::settings::{Settings, SettingsError, within};
 use crate::space::frames::Pose;
@@ -58,10 +60,10 @@ const BETTER: f64 = 0.5;
 /// Consecutive samples without a contact after which the object is given up.
 const LOST: usize = 50;
 
-/// Recent normalised innovation squared, per reading, above which the object is given up: the whisker has slipped off to another
-/// edge. Time constant of its mean (s), and time after the beginning of the fit (s) before which it does not count.
-const SLIPPED: f64 = 8.0;
-const SLIPPED_S: f64 = 0.5;
+/// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
+const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
+
+/// Time after the first readings of a fit (s) in which they do not count: the modes are still searched.
 const SETTLED_S: f64 = 0.5;
 
 /// Settings of a fit.
@@ -171,8 +173,8 @@ pub(super) struct Fitter<Model, const N: usize> {
     next_start: usize,
     round: Option<Round<N>>,
     lost: usize,
-    /// Mean of the recent normalised innovations squared, per reading.
-    recent: f64,
+    /// Whether the recent innovations contradict all modes.
+    slipped: Doubtful,
     log_evidence: LogEvidence,
     /// Whether the readings of the last round contradict all modes.
     contradicted: bool,
@@ -230,7 +232,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             next_start: 0,
             round: None,
             lost: 0,
-            recent: 0.0,
+            slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
             contradicted: false,
         }
@@ -241,7 +243,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let new = Self::new(&self.config, self.model, &self.knowledge);
         let likeliest = self.modes.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
         let near_m = likeliest.map(|mode| mode.near.along_m);
-        let front = new.front.map(|front| front.slipped(near_m));
+        let front = new.front.map(|front| front.slipped(near_m, self.unrest));
         Self { unrest: self.unrest, log_evidence: self.log_evidence.anew(), front, ..new }
     }
 
@@ -398,8 +400,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
         slopes[(TILT, TILT)] = 0.0;
         // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
-        // the method of least squares", Physical Review 40, 1932).
-        let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess.max(self.recent);
+        // the method of least squares", Physical Review 40, 1932). A wrong model has errors in common, so that all parts grow.
+        let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess;
         for i in 0..3 {
             covariance[(i, i)] += self.config.deviation_m.powi(2);
         }
@@ -425,6 +427,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
         mode.tilt =
             (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
+        // Innovations since the last round, which the excess does not include.
+        covariance *= (self.slipped.mean_nis() / mode.excess).max(1.0);
         covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }
@@ -468,9 +472,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             self.model.align(&mut belief.mean, &likeliest.mean);
         }
         let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
-        let most = self.config.gate_sds.powi(2);
-        let nis = innovation.map_or(most, |innovation| innovation.nis.min(most));
-        self.recent += (0.5 * nis - self.recent) * (sample.dt_s / SLIPPED_S).min(1.0);
+        self.slipped.advance(&SLIPPED, sample.dt_s, innovation);
         if let Some(innovation) = &innovation {
             self.count(self.evidence_of(innovation, &likeliest));
         }
@@ -523,11 +525,16 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             }
             _ => self.search(),
         }
-        let has_slipped = self.recent > SLIPPED && self.elapsed_s > self.config.start_s + SETTLED_S;
-        if self.front.is_none() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
+        let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate });
+        let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
+        if self.is_fitted() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
             *self = self.anew();
         }
-        estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate })
+        estimate
+    }
+
+    fn is_fitted(&self) -> bool {
+        self.front.is_none()
     }
 
     fn log_evidence(&self) -> Option<f64> {

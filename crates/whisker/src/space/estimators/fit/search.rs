@@ -1,7 +1,7 @@
 //! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Matrix2x5, SMatrix, SVector};
+use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::RestShape;
@@ -147,11 +147,10 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
-        if let Some(model) = model.cholesky().map(|factor| factor.l()) {
-            let beyond = side.beyond_n_m(*near);
-            let common = [model.column(0).into(), model.column(1).into(), beyond, by_tilt / repeats.sqrt(), by_inertia];
-            quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x5::from_columns(&common))) * weight;
-        }
+        let model = model.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
+        let beyond = side.beyond_n_m(*near);
+        let common = [model.column(0).into(), model.column(1).into(), beyond, by_tilt / repeats.sqrt(), by_inertia];
+        quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x5::from_columns(&common))) * weight;
         true
     }
 }
