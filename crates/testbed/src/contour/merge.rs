@@ -24,7 +24,7 @@ use filters::product;
 use nalgebra::{Matrix2, Vector2};
 use whisker::frames::Point;
 
-use super::{Contour, SurfacePoint, Vertex, direction};
+use super::{Contour, MOST_SD_M, SurfacePoint, Vertex, direction};
 use crate::statistics::{NORMAL_95, mean};
 
 /// Outward offset used for ordering: length that counts as much as a rotation by one radian.
@@ -74,7 +74,7 @@ impl Placed {
             None => (Matrix2::identity(), 1.0),
         };
         let is_stated = point.covariance_m2.is_some();
-        (variance_m2 > 0.0 && point.is_sure()).then_some(Self {
+        (variance_m2 > 0.0 && point.is_sure(MOST_SD_M)).then_some(Self {
             at: point.at,
             normal,
             information,

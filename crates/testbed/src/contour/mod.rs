@@ -100,19 +100,19 @@ impl SurfacePoint {
         self.normal.y.atan2(self.normal.x)
     }
 
-    /// Whether the position is certain enough in every direction, see [`MOST_SD_M`]. Points without a covariance
-    /// qualify, whatever the signals of doubt.
-    pub(crate) fn is_sure(&self) -> bool {
+    /// Whether the position has at most this standard deviation in every direction. Points without a covariance qualify, whatever
+    /// the signals of doubt.
+    pub(crate) fn is_sure(&self, most_sd_m: f64) -> bool {
         self.covariance_m2.is_none_or(|covariance| {
             // Larger eigenvalue.
             let half_apart = 0.5 * (covariance.m11 - covariance.m22);
             let largest_m2 = 0.5 * covariance.trace() + (half_apart.powi(2) + covariance.m12.powi(2)).sqrt();
-            largest_m2 <= MOST_SD_M * MOST_SD_M
+            largest_m2 <= most_sd_m * most_sd_m
         })
     }
 }
 
-/// Largest standard deviation of the position of a point that contributes to an outline.
+/// Largest standard deviation of the position of a point that contributes to an outline. Maps, which have more touches, are stricter.
 const MOST_SD_M: f64 = 2e-3;
 
 /// Share of surface points with a standard deviation of at most [`MOST_SD_M`] below which the outline carried by a candidate is used
@@ -121,7 +121,7 @@ const LEAST_SURE: f64 = 0.2;
 
 /// Whether fewer than [`LEAST_SURE`] of the points are certain enough.
 fn most_are_uncertain(points: &[&SurfacePoint]) -> bool {
-    let sure = points.iter().filter(|point| point.is_sure()).count();
+    let sure = points.iter().filter(|point| point.is_sure(MOST_SD_M)).count();
     (sure as f64) < LEAST_SURE * points.len() as f64
 }
 

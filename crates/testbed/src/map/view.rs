@@ -11,6 +11,9 @@ use crate::contour::{SurfacePoint, SurfacePoints, Vertex};
 use crate::metrics::Trial;
 use crate::replay::Replay;
 
+/// Largest standard deviation of the position of a point that contributes to a map.
+const MOST_SD_M: f64 = 1e-3;
+
 /// Minimum displacement of the whisker's midpoint between scans, as a fraction of a cell.
 const SCAN: f64 = 0.5;
 
@@ -109,7 +112,8 @@ impl Observer {
         reading_n_m: f64,
         estimate: Option<&Estimate>,
     ) -> Option<SurfacePoint> {
-        let sure = self.surface.next(knowledge, known, reading_n_m, estimate).filter(SurfacePoint::is_sure);
+        let found = self.surface.next(knowledge, known, reading_n_m, estimate);
+        let sure = found.filter(|point| point.is_sure(MOST_SD_M));
         let point = sure.filter(|point| !point.is_second && !point.is_doubtful);
         self.view.left_out += usize::from(sure.is_some() && point.is_none());
         self.view.points.extend(point.map(|point| Seen { point, t_s: known.t_s }));
