@@ -391,7 +391,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let motion = mode.reference.then(&self.base.inverse());
         let object = mode.about.object(model, &motion, 0.0);
         let found = stable_touch(side, model, &object, mode.near)
-            .or_else(|| stable_touch(side, model, &object, mode.about.carried(side, &motion)))?;
+            .or_else(|| stable_touch(side, model, &object, mode.about.carried(side, &motion)))
+            .or_else(|| mode.about.followed(side, model, &motion))?;
         let place = found.0;
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.

@@ -119,7 +119,8 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let motion = reference.then(&mean.base().inverse());
         let object = about.object(*shape, &motion, 0.0);
         let found = stable_touch(side, *shape, &object, *near)
-            .or_else(|| stable_touch(side, *shape, &object, about.carried(side, &motion)));
+            .or_else(|| stable_touch(side, *shape, &object, about.carried(side, &motion)))
+            .or_else(|| about.followed(side, *shape, &motion));
         let Some(found) = found else {
             // A contact that does not exist is as improbable as an outlier.
             quadratic.cost += self.gate_sds.powi(2);

@@ -14,7 +14,7 @@
 //! the implicit function theorem.
 
 use filters::Process;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use crate::frames::Base;
 use crate::space::estimators::Sample;
@@ -48,6 +48,9 @@ pub(in crate::space::estimators) const TILT: usize = 3;
 /// Steps of the differences: lengths, and angles or logarithms.
 const STEP_M: f64 = 1e-7;
 const STEP: f64 = 1e-6;
+
+/// Number of parts of a motion in which a contact is followed.
+const PARTS: usize = 8;
 
 /// A contact with its geometry in Base.
 #[derive(Clone, Copy)]
@@ -262,6 +265,26 @@ impl<const N: usize> Neighbours<N> {
     /// The place of the contact after the base's motion, if it rests.
     pub(in crate::space::estimators) fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
         Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
+    }
+
+    /// The stable contact after the base's motion, followed from the contact before it in small parts of the motion: where the
+    /// whisker is hardly deflected, the contact is found from nearby only. `None` if there is no contact on the way.
+    pub(in crate::space::estimators) fn followed<Object: Shape<N>>(
+        &self,
+        side: &Side,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+    ) -> Option<(Place, Matrix3<f64>)> {
+        let turn = Rotation3::from_matrix_unchecked(motion.rotation());
+        let turn_rad = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        let (mut near, mut found) = (self.here.at, None);
+        for part in (1..=PARTS).map(|part| part as f64 / PARTS as f64) {
+            let so_far = Pose::new(motion.origin().vector() * part, Rotation3::new(turn_rad * part));
+            let touch = stable_touch(side, shape, &self.object(shape, &so_far, 0.0), near)?;
+            near = touch.0.at;
+            found = Some(touch);
+        }
+        found
     }
 
     /// The state of the contact with the object after the base's motion, sought from `start`, and its derivatives. The tilt is
