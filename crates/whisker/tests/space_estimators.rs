@@ -38,6 +38,15 @@ fn to_base(row: u32) -> Pose<World, Base> {
     Pose::<Base, World>::new(position, turned).inverse()
 }
 
+/// The same: a push of 2.7 mm in 0.5 s, then a stroke of 2.8 mm to and fro, in which the whisker is hardly deflected at one end.
+fn stroke_to_base(row: u32) -> Pose<World, Base> {
+    let t_s = f64::from(row) / RATE_HZ;
+    let push = 0.5 - 0.5 * (std::f64::consts::PI * (t_s / 0.5).min(1.0)).cos();
+    let stroke = 0.5 - 0.5 * (std::f64::consts::PI * (t_s - 0.5).max(0.0) / 0.8).cos();
+    let position = Vector3::new(0.0, 1.35e-3, 2.35e-3) * (push - 0.02) + Vector3::new(3e-4, 2.5e-4, -2.75e-3) * stroke;
+    Pose::<Base, World>::new(position, Rotation3::identity()).inverse()
+}
+
 /// Contact of the whisker with the point of a line at which the force is across `along`, sought from the distance `shift_m` along
 /// it. A zero direction stands for a point.
 fn touched(
@@ -96,7 +105,7 @@ fn replayed(
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
     let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
     let mut shift_m = 0.0;
-    let found = replayed_contacts(knowledge, name, (3, ROWS), noise, |rod, to_base| {
+    let found = replayed_contacts(knowledge, name, (3, ROWS), noise, to_base, |rod, to_base| {
         touched(rod, to_base, point, along, &mut shift_m)
     });
     assert!(found.len() > 350, "{} estimates", found.len());
@@ -109,6 +118,7 @@ fn replayed_contacts(
     name: &str,
     (seed, rows): (u64, u32),
     noise: f64,
+    path: fn(u32) -> Pose<World, Base>,
     mut touched: impl FnMut(&Rod, &Pose<World, Base>) -> SpatialContact,
 ) -> Vec<(Estimate, SpatialContact, Pose<World, Base>)> {
     let rod = knowledge.calibrated.whisker.rod().unwrap();
@@ -118,11 +128,11 @@ fn replayed_contacts(
     let mut found = Vec::new();
     for i in 0..rows {
         // The object is touched after a tenth of the push.
-        let to_base = to_base(i.max(50));
+        let to_base = path(i.max(50));
         let truth = (i >= 50).then(|| touched(&rod, &to_base));
         let moment = truth.map_or(Vector2::zeros(), |truth| truth.deflection.moment_n_m.yz());
         let mut draw = || noise * knowledge.noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
-        let motion = self::to_base(i.max(51) - 1).inverse().then(&to_base);
+        let motion = path(i.max(51) - 1).inverse().then(&to_base);
         let sample = Sample { motion, dt_s: 1.0 / RATE_HZ, reading_n_m: moment + Vector2::new(draw(), draw()) };
         if let (Some(estimate), Some(truth)) = (estimator.step(&sample), truth) {
             found.push((estimate, truth, to_base));
@@ -187,7 +197,7 @@ fn verif_a_rod_is_located_after_the_whisker_has_slipped_to_another_one() {
     let rest = &STRAIGHT.calibrated.rest;
     let (first, second) = (Around::new(0.040, 0.0, 0.0), Around::new(0.046, 0.0, 0.0));
     let (mut shift_m, mut row) = (0.0, 0);
-    let found = replayed_contacts(&STRAIGHT, "line-fit", (3, 2 * ROWS), 1.0, |rod, to_base| {
+    let found = replayed_contacts(&STRAIGHT, "line-fit", (3, 2 * ROWS), 1.0, to_base, |rod, to_base| {
         row += 1;
         let at = if row < 200 { first } else { second };
         touched(rod, to_base, at.contact(rest).vector(), Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m)
@@ -208,7 +218,7 @@ fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
         let mut near = first + Vector3::new(0.0, -1e-4, -3e-5);
         let inwards = Vector3::new(0.0, 5.0, 1.5).normalize();
         let center = first + inwards * RADIUS_M;
-        let found = replayed_contacts(&STRAIGHT, "sphere-fit", (seed, ROWS), 1.0, |rod, to_base| {
+        let found = replayed_contacts(&STRAIGHT, "sphere-fit", (seed, ROWS), 1.0, to_base, |rod, to_base| {
             touched_sphere(rod, to_base, center, RADIUS_M, &mut near)
         });
         assert!(found.len() > 350, "{} estimates", found.len());
@@ -217,6 +227,22 @@ fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
             let radius_m = estimate.radius.unwrap().radius_m;
             assert!((radius_m / RADIUS_M - 1.0).abs() < 0.1, "seed {seed}: {radius_m}");
         }
+    }
+}
+
+#[test]
+fn regress_a_sphere_explains_the_readings_of_contacts_that_slid_far_apart() {
+    const RADIUS_M: f64 = 8e-3;
+    let first = Around::new(0.0295, 0.0, 0.0).contact(&CURVED.calibrated.rest).vector();
+    let inwards = Vector3::new(0.0, 1.35, 2.35).normalize();
+    let center = first + inwards * RADIUS_M;
+    let mut near = first - inwards * 1e-4;
+    let found = replayed_contacts(&CURVED, "sphere-fit", (1, 2 * ROWS), 1.0, stroke_to_base, |rod, to_base| {
+        touched_sphere(rod, to_base, center, RADIUS_M, &mut near)
+    });
+    for (estimate, truth, _) in &found[found.len() - 400..] {
+        assert!(error(estimate, truth).norm() < 0.3e-3, "{}", error(estimate, truth));
+        assert_eq!(estimate.model_doubtful, Some(false));
     }
 }
 
