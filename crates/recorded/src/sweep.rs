@@ -7,7 +7,7 @@
 //! `E(r, theta)` is the integral of `M` over `theta` from the undeflected wire, where `M = 0`, and
 //! `dE/dr` the integral of `dM/dr`.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix3x2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::fixed::{FixedPoint, Reading, Settings};
@@ -228,7 +228,7 @@ impl Linearised {
 
     /// Covariance of each contact. `None` unless the normal matrix is positive definite.
     fn covariances_m2(self) -> Option<Vec<Matrix3<f64>>> {
-        let factor: Cholesky<f64, Dyn> = self.normal_matrix.cholesky()?;
+        let factor = self.normal_matrix.cholesky()?;
         let common = factor.solve(&self.pull);
         let inverse = factor.inverse();
         let of = |i: usize| {

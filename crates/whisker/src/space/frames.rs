@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use filters::{congruence, product};
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// A point in frame `F`, in metres.
 #[derive(Debug, PartialEq)]
@@ -110,6 +110,12 @@ impl<From, To> Pose<From, To> {
         let translation = product(next.rotation.matrix(), &self.translation) + next.translation;
         Pose::new(translation, next.rotation * self.rotation)
     }
+}
+
+/// Rotation vector (rad) of a rotation matrix. By the quaternion: the angle of a matrix, from its trace, may be undefined after
+/// rounding.
+pub(crate) fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation)).scaled_axis()
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::follower::{self, Follower, Tracker, Unrest};
-use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S, stable_touch};
+use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S};
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::{DoubtSettings, Doubtful};
@@ -390,9 +390,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let (side, model) = (&self.side, &self.model);
         let motion = mode.reference.then(&self.base.inverse());
         let object = mode.about.object(model, &motion, 0.0);
-        let found = stable_touch(side, model, &object, mode.near)
-            .or_else(|| stable_touch(side, model, &object, mode.about.carried(side, &motion)))
-            .or_else(|| mode.about.followed(side, model, &motion))?;
+        let found = mode.about.touched(side, model, (&object, &motion), mode.near)?;
         let place = found.0;
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.

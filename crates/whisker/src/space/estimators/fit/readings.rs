@@ -1,10 +1,10 @@
 //! Readings that an object is fitted to, averaged where the pose of the base is nearly the same.
 
-use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 
 use crate::frames::{Base, Start};
 use crate::space::estimators::follower::Unrest;
-use crate::space::frames::Pose;
+use crate::space::frames::{Pose, rotation_vector};
 
 /// Largest displacement and rotation of the base among readings that are averaged, as long as they are few.
 const WAY_M: f64 = 0.2e-3;
@@ -48,9 +48,7 @@ impl Mean {
 
     /// Displacement (m) and rotation vector (rad) from the first pose to another.
     fn way_to(&self, base: &Pose<Base, Start>) -> (Vector3<f64>, Vector3<f64>) {
-        let turn = Rotation3::from_matrix_unchecked(self.first.rotation().tr_mul(&base.rotation()));
-        // By the quaternion: the angle of a matrix, from its trace, may be undefined after rounding.
-        let turn_rad = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        let turn_rad = rotation_vector(&self.first.rotation().tr_mul(&base.rotation()));
         (base.origin().vector() - self.first.origin().vector(), turn_rad)
     }
 

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector};
 use super::readings::Mean;
 use crate::RestShape;
 use crate::frames::{Base, Start};
-use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S, stable_touch};
+use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S};
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
@@ -118,10 +118,7 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let Self { side, shape, .. } = self;
         let motion = reference.then(&mean.base().inverse());
         let object = about.object(*shape, &motion, 0.0);
-        let found = stable_touch(side, *shape, &object, *near)
-            .or_else(|| stable_touch(side, *shape, &object, about.carried(side, &motion)))
-            .or_else(|| about.followed(side, *shape, &motion));
-        let Some(found) = found else {
+        let Some(found) = about.touched(side, *shape, (&object, &motion), *near) else {
             // A contact that does not exist is as improbable as an outlier.
             quadratic.cost += self.gate_sds.powi(2);
             return false;

@@ -24,7 +24,7 @@ use patch::Patch;
 use sphere::Sphere;
 
 pub(super) use resting::Resting;
-pub(super) use rolling::{Neighbours, Shape, TILT, TILT_S, stable_touch};
+pub(super) use rolling::{Neighbours, Shape, TILT, TILT_S};
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {

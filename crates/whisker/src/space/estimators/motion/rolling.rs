@@ -14,12 +14,12 @@
 //! the implicit function theorem.
 
 use filters::Process;
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::frames::Base;
 use crate::space::estimators::Sample;
 use crate::space::estimators::side::Side;
-use crate::space::frames::{Point, Pose};
+use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::{Around, Directions};
 
 /// Largest number of Newton iterations, and the step length (m) below which they end: as they converge quadratically, the
@@ -196,7 +196,7 @@ pub(in crate::space::estimators) fn touch<Object: Shape<N>, const N: usize>(
 /// that holds it, has a minimum across the wire, where the whisker may slide off sideways, and a maximum along it, where the
 /// wire touches the point that deflects it most: the determinant of its Hessian is negative, and that of the derivatives of
 /// the equations positive. On a sphere with a radius below the deflection the contact is unstable.
-pub(in crate::space::estimators) fn stable_touch<Object: Shape<N>, const N: usize>(
+fn stable_touch<Object: Shape<N>, const N: usize>(
     side: &Side,
     shape: &Object,
     object: &Object::Object,
@@ -262,21 +262,34 @@ impl<const N: usize> Neighbours<N> {
         (slopes, inverse * (here - tilted) / STEP)
     }
 
+    /// The stable contact with an object after the base's motion, sought from `near`, then from the place that it has if it rests,
+    /// then through the motion. `None` if there is none.
+    pub(in crate::space::estimators) fn touched<Object: Shape<N>>(
+        &self,
+        side: &Side,
+        shape: &Object,
+        (object, motion): (&Object::Object, &Pose<Base, Base>),
+        near: Around,
+    ) -> Option<(Place, Matrix3<f64>)> {
+        stable_touch(side, shape, object, near)
+            .or_else(|| stable_touch(side, shape, object, self.carried(side, motion)))
+            .or_else(|| self.followed(side, shape, motion))
+    }
+
     /// The place of the contact after the base's motion, if it rests.
-    pub(in crate::space::estimators) fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
+    fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
         Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
     }
 
     /// The stable contact after the base's motion, followed from the contact before it in small parts of the motion: where the
     /// whisker is hardly deflected, the contact is found from nearby only. `None` if there is no contact on the way.
-    pub(in crate::space::estimators) fn followed<Object: Shape<N>>(
+    fn followed<Object: Shape<N>>(
         &self,
         side: &Side,
         shape: &Object,
         motion: &Pose<Base, Base>,
     ) -> Option<(Place, Matrix3<f64>)> {
-        let turn = Rotation3::from_matrix_unchecked(motion.rotation());
-        let turn_rad = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        let turn_rad = rotation_vector(&motion.rotation());
         let (mut near, mut found) = (self.here.at, None);
         for part in (1..=PARTS).map(|part| part as f64 / PARTS as f64) {
             let so_far = Pose::new(motion.origin().vector() * part, Rotation3::new(turn_rad * part));
