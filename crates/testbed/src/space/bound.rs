@@ -5,8 +5,9 @@
 //! calibrated domain, at the tip or at several places add no information. There are two bounds:
 //!
 //! - *Known sliding*: the state is the contact in World, whose displacement is taken as known.
-//! - *Unknown rod*: the unknowns are the five parameters of a rod at rest, of which the contact without friction is a function
-//!   at every pose of the base. It is the bound of an estimator that knows the object to be a rod or an edge.
+//! - *Unknown object*: the unknowns are the parameters of a rod or a sphere at rest, of which the contact without friction is a
+//!   function at every pose of the base. It is the bound of an estimator that knows the kind of the object: rod, cylinder or edge,
+//!   or sphere.
 //!
 //! The rod has the axis `q + l e` and, with the radius of the wire, the radius `rho`; `a` and `b` complete `e` to orthonormal
 //! axes. The contact `p` with the normal `n(p)` of the mechanics fulfils
@@ -15,17 +16,18 @@
 //! a . (p - rho n - q) = 0    b . (p - rho n - q) = 0    e . n = 0
 //! ```
 //!
-//! Their derivatives give those of the contact by the rod's displacements and turns along `a` and `b` and by `ln rho`.
+//! Their derivatives give those of the contact by the rod's displacements and turns along `a` and `b` and by `ln rho`. The contact
+//! with a sphere about `c` fulfils `p - rho n - c = 0`; its parameters are `c` and `ln rho`.
 
 use filters::bound::{Bound, information};
 use filters::{Measurement, Process};
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, RowVector5, SMatrix, Vector2, Vector3, Vector5};
+use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, Matrix3xX, RowVector5, SMatrix, Vector2, Vector3, Vector5};
 use trace::SpatialTrace;
 use whisker::frames::{Base, World};
 use whisker::space::frames::{Point, Pose};
 use whisker::space::sensor::CalibratedSpace;
 
-use super::rod::TrueRod;
+use super::object::{TrueObject, TrueRod, TrueSphere};
 use super::to_base;
 
 /// Prior standard deviation of the contact's displacement across the whisker at the touch.
@@ -34,7 +36,7 @@ const START_AWAY_SD_M: f64 = 1e-3;
 /// Prior standard deviation of the rod's direction about the normal at the touch: that of a uniform distribution on a half circle.
 const DIRECTION_SD_RAD: f64 = 0.907;
 
-/// Prior standard deviation of the logarithm of the radius of rod and wire together.
+/// Prior standard deviation of the logarithm of the radius of object and wire together.
 const RADIUS_LOG_SD: f64 = 0.7;
 
 /// Bound at one instant of contact.
@@ -44,27 +46,27 @@ pub struct SpatialBoundAt {
     pub since_touch_s: f64,
     /// Lower bound of the error covariance in World with known sliding (m2), 3x3.
     pub covariance_m2: Matrix3<f64>,
-    /// Bound with an unknown rod. `None` if the object is no rod or edge.
-    pub rod: Option<RodBoundAt>,
+    /// Bound with an unknown object. `None` if the object is no rod, cylinder, edge or sphere.
+    pub object: Option<ObjectBoundAt>,
 }
 
-/// Bound of a contact with an unknown rod at one instant.
+/// Bound of a contact with an unknown object at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RodBoundAt {
+pub struct ObjectBoundAt {
     /// Lower bound of the error covariance in World (m2), 3x3.
     pub covariance_m2: Matrix3<f64>,
-    /// Lower bound of the variance of the rod's direction, both angles together (rad2).
-    pub direction_rad2: f64,
+    /// Lower bound of the variance of the rod's direction, both angles together (rad2). `None` for a sphere.
+    pub direction_rad2: Option<f64>,
 }
 
-/// Bound at every instant of a trace; `None` while the whisker is free. `rod` is the touched rod or edge, if the object is one.
+/// Bound at every instant of a trace; `None` while the whisker is free. `object` is the touched object, if it has few parameters.
 pub fn bound(
     trace: &SpatialTrace,
     face: &CalibratedSpace,
-    rod: Option<&TrueRod>,
+    object: Option<&TrueObject>,
     noise_sd_n_m: f64,
 ) -> Vec<Option<SpatialBoundAt>> {
-    let mut touch: Option<(f64, Bound<3>, Option<UnknownRod>)> = None;
+    let mut touch: Option<(f64, Bound<3>, Option<UnknownObject>)> = None;
     let rows = trace.recording.instants.iter().zip(&trace.truth.instants);
     let at = rows.map(|(known, truth)| {
         let Some(contact) = truth.contact else {
@@ -74,7 +76,7 @@ pub fn bound(
         let to_base = to_base(&known.base);
         if touch.is_none() {
             let prior = prior_m2(face, &to_base, to_base.apply(Point::from_vector(contact.contact)));
-            let unknown = rod.and_then(|rod| UnknownRod::new(face, rod, &to_base, contact.contact, &prior));
+            let unknown = object.and_then(|object| UnknownObject::new(face, object, &to_base, contact.contact, &prior));
             touch = Some((known.t_s, Bound::new(&prior)?, unknown));
         }
         let (touch_s, bound, unknown) = touch.as_mut()?;
@@ -84,36 +86,39 @@ pub fn bound(
         if let Some(gained) = gained {
             bound.update(gained);
         }
-        let rod = unknown.as_mut().and_then(|rod| rod.advance(face, &to_base, contact.contact, gained));
-        Some(SpatialBoundAt { since_touch_s: known.t_s - *touch_s, covariance_m2: bound.covariance()?, rod })
+        let object = unknown.as_mut().and_then(|unknown| unknown.advance(face, &to_base, contact.contact, gained));
+        Some(SpatialBoundAt { since_touch_s: known.t_s - *touch_s, covariance_m2: bound.covariance()?, object })
     });
     at.collect()
 }
 
-/// Information about the parameters of a rod: displacements along two axes across it, turns towards these, and the logarithm of
-/// the radius.
-struct UnknownRod {
-    rod: TrueRod,
-    information: SMatrix<f64, 5, 5>,
+/// Information about the parameters of an object at rest.
+struct UnknownObject {
+    object: TrueObject,
+    information: DMatrix<f64>,
 }
 
-impl UnknownRod {
+impl UnknownObject {
     /// The prior information at a touch, from that of the contact in World, 3x3. `None` if the contact is not determined.
     fn new(
         face: &CalibratedSpace,
-        rod: &TrueRod,
+        object: &TrueObject,
         to_base: &Pose<World, Base>,
         contact: Vector3<f64>,
         prior_m2: &Matrix3<f64>,
     ) -> Option<Self> {
-        let (slopes, normal) = rod_slopes(face, rod, to_base, contact)?;
+        let Surface { normal, slopes } = Surface::of(face, object, to_base, contact)?;
         let mut information = slopes.transpose() * prior_m2.cholesky()?.solve(&slopes);
-        let [a, b] = rod.across();
-        let turn = normal.cross(&rod.along);
-        let turn = Vector5::new(0.0, 0.0, a.dot(&turn), b.dot(&turn), 0.0) / DIRECTION_SD_RAD;
-        information += turn * turn.transpose();
-        information[(4, 4)] += 1.0 / RADIUS_LOG_SD.powi(2);
-        Some(Self { rod: *rod, information })
+        if let Some(rod) = object.rod() {
+            let [a, b] = rod.across();
+            let turn = normal.cross(&rod.along);
+            let turn = Vector5::new(0.0, 0.0, a.dot(&turn), b.dot(&turn), 0.0) / DIRECTION_SD_RAD;
+            information += turn * turn.transpose();
+        }
+        // The logarithm of the radius is the last parameter.
+        let last = information.nrows() - 1;
+        information[(last, last)] += 1.0 / RADIUS_LOG_SD.powi(2);
+        Some(Self { object: *object, information })
     }
 
     /// The bound after a reading of a contact in World, with the information of the reading about the contact.
@@ -123,43 +128,72 @@ impl UnknownRod {
         to_base: &Pose<World, Base>,
         contact: Vector3<f64>,
         gained: Option<Matrix3<f64>>,
-    ) -> Option<RodBoundAt> {
-        let (slopes, _) = rod_slopes(face, &self.rod, to_base, contact)?;
+    ) -> Option<ObjectBoundAt> {
+        let Surface { slopes, .. } = Surface::of(face, &self.object, to_base, contact)?;
         if let Some(gained) = gained {
-            self.information += slopes.transpose() * gained * slopes;
+            self.information += slopes.transpose() * gained * &slopes;
         }
-        let covariance = self.information.cholesky()?.inverse();
-        let covariance_m2 = slopes * covariance * slopes.transpose();
-        Some(RodBoundAt { covariance_m2, direction_rad2: covariance[(2, 2)] + covariance[(3, 3)] })
+        let covariance = self.information.clone().cholesky()?.inverse();
+        let direction_rad2 = self.object.rod().map(|_| covariance[(2, 2)] + covariance[(3, 3)]);
+        Some(ObjectBoundAt { covariance_m2: &slopes * covariance * slopes.transpose(), direction_rad2 })
     }
 }
 
-/// Derivatives of the contact in World by the parameters of a rod, 3x5, and the normal in World. `None` if the contact is not
-/// determined.
-fn rod_slopes(
-    face: &CalibratedSpace,
+/// A contact as a function of the parameters of the touched object.
+struct Surface {
+    /// Normal in World.
+    normal: Vector3<f64>,
+    /// Derivatives of the contact in World by the parameters of the object: by displacements along two axes across a rod, turns
+    /// towards these, and the logarithm of the radius (3x5); by displacements of a sphere and the logarithm of its radius (3x4).
+    slopes: Matrix3xX<f64>,
+}
+
+impl Surface {
+    /// That at a contact in World. `None` if the contact is not determined.
+    fn of(
+        face: &CalibratedSpace,
+        object: &TrueObject,
+        to_base: &Pose<World, Base>,
+        contact: Vector3<f64>,
+    ) -> Option<Self> {
+        let at = face.around(to_base.apply(Point::from_vector(contact)));
+        let directions = face.geometry()?.at(at);
+        let back = to_base.rotation().transpose();
+        let normal = back * directions.normal;
+        let normal_slopes = back * directions.normal_slopes;
+        let contact_slopes = back * at.contact_with_jacobian(&face.rest).1;
+        let (equations, by_object) = match object {
+            TrueObject::Rod(rod) => rod_equations(rod, contact, &normal, &contact_slopes, &normal_slopes),
+            TrueObject::Sphere(TrueSphere { radius_m, .. }) => {
+                let mut by_sphere = Matrix3xX::identity(4);
+                by_sphere.set_column(3, &(normal * *radius_m));
+                (contact_slopes - normal_slopes * *radius_m, by_sphere)
+            }
+        };
+        Some(Self { normal, slopes: contact_slopes * equations.try_inverse()? * by_object })
+    }
+}
+
+/// Derivatives of the left-hand sides of a rod's equations by the coordinates of the contact, 3x3, and those of their right-hand
+/// sides by the parameters of the rod, 3x5.
+fn rod_equations(
     rod: &TrueRod,
-    to_base: &Pose<World, Base>,
     contact: Vector3<f64>,
-) -> Option<(SMatrix<f64, 3, 5>, Vector3<f64>)> {
-    let at = face.around(to_base.apply(Point::from_vector(contact)));
-    let directions = face.geometry()?.at(at);
-    let back = to_base.rotation().transpose();
-    let normal = back * directions.normal;
-    let normal_slopes = back * directions.normal_slopes;
-    let contact_slopes = back * at.contact_with_jacobian(&face.rest).1;
+    normal: &Vector3<f64>,
+    contact_slopes: &Matrix3<f64>,
+    normal_slopes: &Matrix3<f64>,
+) -> (Matrix3<f64>, Matrix3xX<f64>) {
     let (along, [a, b]) = (rod.along, rod.across());
     let center_slopes = contact_slopes - normal_slopes * rod.radius_m;
     let rows = [center_slopes.tr_mul(&a), center_slopes.tr_mul(&b), normal_slopes.tr_mul(&along)];
-    let equations = Matrix3::from_columns(&rows).transpose();
     let place_m = along.dot(&(contact - rod.axis));
-    let [left, up] = [a.dot(&normal), b.dot(&normal)];
+    let [left, up] = [a.dot(normal), b.dot(normal)];
     let by_rod = SMatrix::<f64, 3, 5>::from_rows(&[
         RowVector5::new(1.0, 0.0, place_m, 0.0, rod.radius_m * left),
         RowVector5::new(0.0, 1.0, 0.0, place_m, rod.radius_m * up),
         RowVector5::new(0.0, 0.0, -left, -up, 0.0),
     ]);
-    Some((contact_slopes * equations.try_inverse()? * by_rod, normal))
+    (Matrix3::from_columns(&rows).transpose(), Matrix3xX::from_columns(&by_rod.column_iter().collect::<Vec<_>>()))
 }
 
 /// Prior covariance in World of a contact at a touch that is seen at `seen`.

@@ -16,9 +16,9 @@ use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
+use super::object::TrueObject;
 use super::participant::{Participant, participants};
 use super::replay::{calibrated, samples};
-use super::rod::TrueRod;
 use super::run::estimates_file;
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
@@ -81,8 +81,9 @@ pub struct SpatialTrialRow {
     pub out_of_plane_m: Option<f64>,
     /// RMS of the posterior Cramer-Rao bound with known sliding.
     pub bound_m: Option<f64>,
-    /// RMS of the bound of a contact with an unknown rod. `None` if the object is no rod or edge.
-    pub rod_bound_m: Option<f64>,
+    /// RMS of the bound of a contact with an unknown object over all instants that are scored, also those without an estimate.
+    /// `None` if the object is no rod, cylinder, edge or sphere.
+    pub object_bound_m: Option<f64>,
     /// Normalised squared error of the last estimate, which has three degrees of freedom.
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
@@ -136,8 +137,8 @@ pub struct SpatialSummaryRow {
     pub out_of_plane_m: Option<f64>,
     /// The same of the bound with known sliding.
     pub bound_m: Option<f64>,
-    /// The same of the bound with an unknown rod.
-    pub rod_bound_m: Option<f64>,
+    /// The same of the bound with an unknown object.
+    pub object_bound_m: Option<f64>,
     /// Mean normalised squared error of the last estimates, per degree of freedom: 1 if the method is consistent.
     pub nees: Option<f64>,
     /// Bounds of its central 95 % interval for a consistent method and independent replays.
@@ -224,7 +225,7 @@ struct Prepared {
     calibrated: Arc<CalibratedSpace>,
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
-    rod: Option<TrueRod>,
+    object: Option<TrueObject>,
     solid: Option<Solid>,
 }
 
@@ -305,10 +306,10 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
     let prepare = |trace: SpatialTrace| {
         let calibrated = faces[&trace.sidecar.whisker.name].clone();
         let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
-        let rod = TrueRod::of(&trace);
-        let bound = bound(&trace, &calibrated, rod.as_ref(), noise_sd_n_m);
         let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
-        Prepared { calibrated, noise_sd_n_m, bound, rod, solid, trace }
+        let object = TrueObject::of(&trace, solid.as_ref());
+        let bound = bound(&trace, &calibrated, object.as_ref(), noise_sd_n_m);
+        Prepared { calibrated, noise_sd_n_m, bound, object, solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
 }
@@ -321,7 +322,8 @@ struct Sums {
     contact: f64,
     out_of_plane: f64,
     bound: f64,
-    rod_bound: f64,
+    object_bound: f64,
+    objects: usize,
     direction_bound: f64,
     rods: usize,
     covered: usize,
@@ -364,6 +366,14 @@ impl Prepared {
         for (i, bound) in self.bound.iter().enumerate() {
             if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
                 sums.instants += 1;
+                if let Some(object) = bound.object {
+                    sums.object_bound += object.covariance_m2.trace();
+                    sums.objects += 1;
+                    if let Some(direction_rad2) = object.direction_rad2 {
+                        sums.direction_bound += direction_rad2;
+                        sums.rods += 1;
+                    }
+                }
                 if let Some(estimate) = &replayed.estimates[i] {
                     self.add(&mut sums, i, estimate, &bound, within[1]);
                 }
@@ -372,7 +382,8 @@ impl Prepared {
         let Sums { answered, .. } = sums;
         let mean = |sum: f64| (answered > 0).then(|| sum / answered as f64);
         let rms = |sum: f64| mean(sum).map(f64::sqrt);
-        let of_rod = |sum: f64| (sums.rods > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / sums.rods as f64).sqrt());
+        let of_bound =
+            |sum: f64, count: usize| (count > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / count as f64).sqrt());
         let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
         let of_feature = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64);
         let sidecar = &self.trace.sidecar;
@@ -394,13 +405,13 @@ impl Prepared {
             rmse_m: rms(sums.contact),
             out_of_plane_m: rms(sums.out_of_plane),
             bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
-            rod_bound_m: of_rod(sums.rod_bound),
+            object_bound_m: of_bound(sums.object_bound, sums.objects),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
             surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
-            direction_bound_rad: of_rod(sums.direction_bound),
+            direction_bound_rad: of_bound(sums.direction_bound, sums.rods),
             radius_error: radius.map(|(stated, truth_m)| stated.radius_m / truth_m - 1.0),
             radius_coverage: radius.map(|(stated, truth_m)| {
                 f64::from((stated.radius_m - truth_m).powi(2) <= within[0] * stated.sd_m.powi(2))
@@ -427,11 +438,6 @@ impl Prepared {
         sums.contact += error.norm_squared();
         sums.out_of_plane += error.dot(&tangent.cross(&normal).normalize()).powi(2);
         sums.bound += bound.covariance_m2.trace();
-        if let Some(rod) = bound.rod {
-            sums.rod_bound += rod.covariance_m2.trace();
-            sums.direction_bound += rod.direction_rad2;
-            sums.rods += 1;
-        }
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.nees.extend(nees);
         sums.last_nees = nees;
@@ -450,7 +456,7 @@ impl Prepared {
         }
         sums.last_radius = estimate.radius;
         sums.normal += normal.angle(&estimate.normal).powi(2);
-        if let (Some(rod), Some(found)) = (self.rod, estimate.direction) {
+        if let (Some(rod), Some(found)) = (self.object.as_ref().and_then(TrueObject::rod), estimate.direction) {
             // The direction of an edge has no sign.
             let cosine = to_base.turn_vector(rod.along).dot(&found.along).abs().min(1.0);
             sums.direction += cosine.acos().powi(2);
@@ -483,7 +489,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             rmse_m: mean(|trial| trial.rmse_m.map(|error| error * error)).map(f64::sqrt),
             out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
             bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),
-            rod_bound_m: mean(|trial| trial.rod_bound_m.map(|bound| bound * bound)).map(f64::sqrt),
+            object_bound_m: mean(|trial| trial.object_bound_m.map(|bound| bound * bound)).map(f64::sqrt),
             nees: statistics::mean(nees).map(|nees| nees / 3.0),
             nees_low,
             nees_high,

@@ -13,11 +13,11 @@ mod glb;
 #[cfg(feature = "evaluation")]
 pub mod map;
 #[cfg(feature = "evaluation")]
+pub mod object;
+#[cfg(feature = "evaluation")]
 mod participant;
 mod readings;
 pub mod replay;
-#[cfg(feature = "evaluation")]
-pub mod rod;
 #[cfg(feature = "evaluation")]
 mod run;
 #[cfg(feature = "evaluation")]

@@ -52,7 +52,7 @@ const SCORES: &[Score] = &[
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
-        of: |row| Some(row.rmse_m? / row.rod_bound_m?),
+        of: |row| Some(row.rmse_m? / row.object_bound_m?),
     },
     Score {
         groups: &["pins"],

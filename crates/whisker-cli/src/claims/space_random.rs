@@ -72,7 +72,7 @@ pub(super) fn claims() -> Vec<Claim> {
             |context| percent(mean(replays(context, |_| true)?.iter().map(|trial| trial.answered))),
         ),
     ];
-    for (name, kind, bound, smooth) in
+    for (name, kind, most, smooth) in
         [("smooth", "rods, spheres, cylinders and tori", 3.0, true), ("edged", "boxes and cones", 6.0, false)]
     {
         let of_kind = move |shape: &str| SMOOTH.contains(&shape) == smooth;
@@ -89,11 +89,34 @@ pub(super) fn claims() -> Vec<Claim> {
             claims.push(Claim::at_most(
                 format!("space_random_{name}_{id}"),
                 about(&format!("{kind}: {what}")),
-                bound,
+                most,
                 "%",
                 move |context| percent(share(&replays(context, of_kind)?, has_failed)),
             ));
         }
+        let [Failing { what, has_failed, .. }, _] = FAILING;
+        claims.push(Claim::at_most(
+            format!("space_random_{name}_avoidable"),
+            about(&format!("{kind}: {what}, of those whose bound of an unknown object does not exceed it")),
+            most,
+            "%",
+            move |context| {
+                let mut possible = replays(context, of_kind)?;
+                possible.retain(|trial| trial.object_bound_m.is_some_and(|bound_m| bound_m <= FAILED_M));
+                percent(share(&possible, has_failed))
+            },
+        ));
+        claims.push(Claim::at_least(
+            format!("space_random_{name}_bound"),
+            format!("random scenes in space, {kind}: replays whose bound of an unknown object exceeds 0.5 mm"),
+            most,
+            "%",
+            move |context| {
+                let bounds: Vec<f64> =
+                    replays(context, of_kind)?.iter().filter_map(|trial| trial.object_bound_m).collect();
+                percent(share(&bounds, |bound_m| *bound_m > FAILED_M))
+            },
+        ));
     }
     claims.push(Claim::at_least(
         "space_random_radius_coverage".into(),

@@ -204,7 +204,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::millimetres(row.rmse_m),
             table::millimetres(row.out_of_plane_m),
             table::millimetres(row.bound_m),
-            table::millimetres(row.rod_bound_m),
+            table::millimetres(row.object_bound_m),
             table::number(row.nees),
             format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
             table::percent(row.coverage),

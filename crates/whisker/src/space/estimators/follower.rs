@@ -57,10 +57,21 @@ impl Settings for Config {
     }
 }
 
-/// Tracks one contact from touch to release.
+/// Tracks the contacts of a recording, one after the other.
 pub(super) trait Tracker: Send {
-    /// Takes one sample; the first is that of the touch. `None` if there is no estimate.
+    /// Takes one sample of a touch. `None` if there is no estimate.
     fn step(&mut self, sample: &Sample) -> Option<Estimate>;
+
+    /// Takes one sample at which the whisker is free. The next sample with a contact begins the next touch.
+    fn release(&mut self, sample: &Sample);
+
+    /// Forgets the objects of earlier touches. The next sample begins a touch.
+    fn forget(&mut self);
+
+    /// Whether the readings of this touch contradict the object of earlier ones.
+    fn is_another(&self) -> bool {
+        false
+    }
 
     /// Whether the estimates are those of the fitted object. A fit begins with a filter of a contact at rest, whose innovations say
     /// nothing about the model of the object.
@@ -190,6 +201,14 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
         let mut estimate = self.side.estimate(&belief, innovation)?;
         self.model.describe(&self.side, &belief, &mut estimate);
         Some(estimate)
+    }
+
+    fn release(&mut self, _: &Sample) {
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        (self.bank, self.near_m, self.unrest) = (None, None, Unrest::default());
     }
 }
 

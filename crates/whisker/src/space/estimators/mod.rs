@@ -160,7 +160,9 @@ impl Estimator {
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let (sample, touches) = self.touch.step(sample)?;
         if !touches {
-            self.tracker = None;
+            if let Some(tracker) = &mut self.tracker {
+                tracker.release(&sample);
+            }
             return None;
         }
         if self.tracker.is_none() {
@@ -172,7 +174,7 @@ impl Estimator {
 
 /// A method of estimation with its settings.
 trait Method: Send + Sync {
-    /// Begins to track a contact.
+    /// Begins to track the contacts of a recording, at the first touch.
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker>;
 }
 

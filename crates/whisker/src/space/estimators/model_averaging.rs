@@ -23,6 +23,10 @@ use crate::settings::{Settings, SettingsError, with_defaults, within};
 /// Largest number of candidates.
 const MOST: usize = 16;
 
+/// Probability that the next touch is one of the same object, which keeps the probabilities of the candidates; those of another
+/// object are the priors.
+const SAME_OBJECT: f64 = 0.5;
+
 /// Probability of the candidates with a fitted object above which the innovations of the mixture count for the signal of doubt.
 const FITTED: f64 = 0.9;
 
@@ -109,33 +113,48 @@ impl ModelAveraging {
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
         Box::new(Average {
-            config: self.config.clone(),
             trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
+            prior: self.config.candidates.iter().map(|candidate| candidate.weight).collect(),
+            before: vec![0.0; self.methods.len()],
+            is_free: false,
             doubtful: Doubtful::default(),
+            config: self.config.clone(),
         })
     }
 }
 
-/// The candidates on one contact.
+/// The candidates on the contacts of a recording.
 struct Average {
     config: Arc<Config>,
     trackers: Vec<Box<dyn Tracker>>,
+    /// Weights of the candidates at the touch, and the logarithm of their evidence before it.
+    prior: Vec<f64>,
+    before: Vec<f64>,
+    is_free: bool,
     doubtful: Doubtful,
 }
 
 impl Average {
     /// Probabilities of the candidates. One without evidence has the smallest of the others.
     fn shares(&self) -> Vec<f64> {
-        let evidence: Vec<_> = self.trackers.iter().map(|tracker| tracker.log_evidence()).collect();
+        let since = |(tracker, before): (&Box<dyn Tracker>, &f64)| Some(tracker.log_evidence()? - before);
+        let evidence: Vec<_> = self.trackers.iter().zip(&self.before).map(since).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let share = |(candidate, evidence): (&Candidate, &Option<f64>)| {
+        let share = |(prior, evidence): (&f64, &Option<f64>)| {
             let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
-            candidate.weight * (self.config.evidence_power * behind).exp()
+            prior * (self.config.evidence_power * behind).exp()
         };
-        let shares: Vec<f64> = self.config.candidates.iter().zip(&evidence).map(share).collect();
+        let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
+    }
+
+    /// Whether another object is touched than before: the readings contradict the earlier one of the candidate that was the most
+    /// probable at the touch.
+    fn is_another(&self) -> bool {
+        let likeliest = self.trackers.iter().zip(&self.prior).max_by(|a, b| a.1.total_cmp(b.1));
+        likeliest.is_some_and(|(tracker, _)| tracker.is_another())
     }
 
     /// Estimate of the mixture. `None` if the probable candidates have none.
@@ -198,12 +217,39 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
 
 impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.is_free = false;
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
-        let together = self.together(&estimates)?;
+        let together = self.together(&estimates);
+        if self.is_another() {
+            self.forget();
+        }
+        let together = together?;
         let shares = self.trackers.iter().zip(self.shares());
         let fitted: f64 = shares.filter(|(tracker, _)| tracker.is_fitted()).map(|(_, share)| share).sum();
         self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| fitted > FITTED));
         let model_doubtful = together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
         Some(Estimate { model_doubtful, ..together })
+    }
+
+    fn release(&mut self, sample: &Sample) {
+        if !self.is_free {
+            let total: f64 = self.config.candidates.iter().map(|candidate| candidate.weight).sum();
+            let weights = self.config.candidates.iter().map(|candidate| candidate.weight / total);
+            let prior = self.shares().into_iter().zip(weights);
+            self.prior = prior.map(|(share, weight)| SAME_OBJECT * share + (1.0 - SAME_OBJECT) * weight).collect();
+            self.doubtful.resume();
+        }
+        self.is_free = true;
+        for (tracker, before) in self.trackers.iter_mut().zip(&mut self.before) {
+            tracker.release(sample);
+            *before = tracker.log_evidence().unwrap_or_default();
+        }
+    }
+
+    fn forget(&mut self) {
+        self.trackers.iter_mut().for_each(|tracker| tracker.forget());
+        self.prior = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
+        self.before.fill(0.0);
+        self.doubtful.resume();
     }
 }

@@ -17,6 +17,9 @@
 //! is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
 //! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge, the
 //! fit begins anew with the later readings.
+//!
+//! At the next touch the fit goes on: an object at rest explains the readings of all touches. As the whisker may touch another
+//! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up.
 
 mod readings;
 mod search;
@@ -62,6 +65,10 @@ const LOST: usize = 50;
 
 /// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
 const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
+
+/// Mean of the innovations with which a touch of a known object begins, and the one at which the object is confirmed.
+const UNCONFIRMED_NIS: f64 = 7.0;
+const CONFIRMED_NIS: f64 = 4.5;
 
 /// Time after the first readings of a fit (s) in which they do not count: the modes are still searched.
 const SETTLED_S: f64 = 0.5;
@@ -173,11 +180,26 @@ pub(super) struct Fitter<Model, const N: usize> {
     next_start: usize,
     round: Option<Round<N>>,
     lost: usize,
+    /// Whether the whisker is free.
+    is_free: bool,
+    /// What the readings of this touch say about the object of earlier ones.
+    earlier: Earlier,
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
     log_evidence: LogEvidence,
     /// Whether the readings of the last round contradict all modes.
     contradicted: bool,
+}
+
+/// What the readings of a touch say about the object of earlier touches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Earlier {
+    /// Nothing yet.
+    Unconfirmed,
+    /// It is touched again, or there was none.
+    Confirmed,
+    /// Another one is touched.
+    Contradicted,
 }
 
 /// Logarithm of the evidence of the model.
@@ -232,6 +254,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             next_start: 0,
             round: None,
             lost: 0,
+            is_free: true,
+            earlier: Earlier::Confirmed,
             slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
             contradicted: false,
@@ -512,7 +536,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             None => self.together(sample),
         };
         // The reading of the touch itself was detected by its size.
-        if self.elapsed_s > sample.dt_s {
+        let is_touch = std::mem::replace(&mut self.is_free, false);
+        if !is_touch {
             self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest));
         }
         match &self.front {
@@ -524,12 +549,48 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             }
             _ => self.search(),
         }
+        let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
         let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate });
         let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
+        if self.earlier == Earlier::Unconfirmed && self.slipped.mean_nis() < CONFIRMED_NIS {
+            self.earlier = Earlier::Confirmed;
+        }
         if self.is_fitted() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
-            *self = self.anew();
+            let earlier = match self.earlier {
+                Earlier::Unconfirmed => Earlier::Contradicted,
+                earlier => earlier,
+            };
+            *self = Self { earlier, ..self.anew() };
         }
         estimate
+    }
+
+    fn release(&mut self, sample: &Sample) {
+        if !self.is_fitted() {
+            self.forget();
+            return;
+        }
+        self.base = sample.motion.inverse().then(&self.base);
+        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        // The next contact is sought from the place of the last one.
+        let rest = self.side.rest();
+        for mode in &mut self.modes {
+            mode.near = Around::of(rest, sample.motion.apply(mode.near.contact(rest)));
+        }
+        if !self.is_free {
+            self.readings.leave();
+            self.slipped = Doubtful::suspicious(UNCONFIRMED_NIS);
+            self.lost = 0;
+            (self.is_free, self.earlier) = (true, Earlier::Unconfirmed);
+        }
+    }
+
+    fn forget(&mut self) {
+        *self = Self::new(&self.config, self.model, &self.knowledge);
+    }
+
+    fn is_another(&self) -> bool {
+        self.earlier == Earlier::Contradicted
     }
 
     fn is_fitted(&self) -> bool {

@@ -26,9 +26,10 @@ pub(super) struct Mean {
     turn_rad: Vector3<f64>,
     /// Mean of both moments.
     pub(super) reading_n_m: Vector2<f64>,
-    /// Number of readings, and time that they cover.
+    /// Number of readings, time that they cover, and number of stays of the base at the pose in which they were taken.
     pub(super) count: f64,
-    pub(super) duration_s: f64,
+    duration_s: f64,
+    stays: f64,
     /// Mean of the base's recent acceleration and of its second moment.
     pub(super) unrest: Unrest,
 }
@@ -37,7 +38,7 @@ impl Mean {
     /// A single reading.
     pub(super) fn new(base: Pose<Base, Start>, reading_n_m: Vector2<f64>, duration_s: f64, unrest: Unrest) -> Self {
         let (shift_m, turn_rad) = (Vector3::zeros(), Vector3::zeros());
-        Self { first: base, shift_m, turn_rad, reading_n_m, count: 1.0, duration_s, unrest }
+        Self { first: base, shift_m, turn_rad, reading_n_m, count: 1.0, duration_s, stays: 1.0, unrest }
     }
 
     /// Mean pose of the base.
@@ -46,13 +47,19 @@ impl Mean {
         Pose::new(self.first.origin().vector() + self.shift_m, turned)
     }
 
+    /// Mean duration of a stay. Each begins with the same oscillation of the wire if the base arrives in the same way, so that the
+    /// oscillation averages out within a stay and not over them.
+    pub(super) fn stay_s(&self) -> f64 {
+        self.duration_s / self.stays
+    }
+
     /// Displacement (m) and rotation vector (rad) from the first pose to another.
     fn way_to(&self, base: &Pose<Base, Start>) -> (Vector3<f64>, Vector3<f64>) {
         let turn_rad = rotation_vector(&self.first.rotation().tr_mul(&base.rotation()));
         (base.origin().vector() - self.first.origin().vector(), turn_rad)
     }
 
-    /// Includes the readings of another mean.
+    /// Includes the readings of another mean, of the same stays.
     fn join(&mut self, other: &Self) {
         let count = self.count + other.count;
         let share = other.count / count;
@@ -64,6 +71,7 @@ impl Mean {
         let (here, there) = (&mut self.unrest.acceleration_m_s2, other.unrest.acceleration_m_s2);
         *here += (there - *here) * share;
         self.duration_s += other.duration_s;
+        self.stays = self.stays.max(other.stays);
         self.count = count;
     }
 }
@@ -73,27 +81,42 @@ impl Mean {
 #[derive(Clone, Debug)]
 pub(super) struct Readings {
     means: Vec<Mean>,
+    /// Index of the mean that includes the last reading. `None` at the beginning of a touch.
+    last: Option<usize>,
     /// Factor of the displacement and rotation within which readings are averaged.
     scale: f64,
 }
 
 impl Default for Readings {
     fn default() -> Self {
-        Self { means: Vec::new(), scale: 1.0 }
+        Self { means: Vec::new(), last: None, scale: 1.0 }
     }
 }
 
 impl Readings {
     /// Includes a reading in the mean of the nearest pose, or appends it if there is none within reach.
     pub(super) fn keep(&mut self, reading: Mean) {
-        self.include(reading);
+        let known = self.means.len();
+        let found = self.include(reading);
+        if self.last != Some(found) && found < known {
+            self.means[found].stays += 1.0;
+        }
+        self.last = Some(found);
         while self.means.len() > MOST && self.scale.is_finite() {
             self.scale *= COARSER;
-            std::mem::take(&mut self.means).into_iter().for_each(|mean| self.include(mean));
+            let moved: Vec<usize> =
+                std::mem::take(&mut self.means).into_iter().map(|mean| self.include(mean)).collect();
+            self.last = self.last.map(|last| moved[last]);
         }
     }
 
-    fn include(&mut self, reading: Mean) {
+    /// Ends the stay at the present pose.
+    pub(super) fn leave(&mut self) {
+        self.last = None;
+    }
+
+    /// The index of the mean that includes a reading, or the readings of a mean.
+    fn include(&mut self, reading: Mean) -> usize {
         let (way_m, turn_rad) = (self.scale * WAY_M, self.scale * TURN_RAD);
         let base = reading.base();
         let distances = self.means.iter().enumerate().filter_map(|(i, mean)| {
@@ -105,8 +128,14 @@ impl Readings {
             Some((i, far.max(turned)))
         });
         match distances.filter(|(_, distance)| *distance <= 1.0).min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((i, _)) => self.means[i].join(&reading),
-            None => self.means.push(reading),
+            Some((i, _)) => {
+                self.means[i].join(&reading);
+                i
+            }
+            None => {
+                self.means.push(reading);
+                self.means.len() - 1
+            }
         }
     }
 
@@ -139,6 +168,17 @@ mod tests {
         assert!((first.reading_n_m.x - 0.05e-6).abs() < 1e-15);
         let turn = Rotation3::from_matrix_unchecked(second.base().rotation()).scaled_axis();
         assert!((turn - Vector3::z() * 1e-3).norm() < 1e-12, "{turn}");
+    }
+
+    #[test]
+    fn verif_a_stay_ends_when_the_base_leaves_the_pose() {
+        let mut readings = Readings::default();
+        for x_m in [0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0] {
+            readings.keep(reading(x_m, 0.0, 1e-3));
+        }
+        let [there, elsewhere] = readings.means() else { panic!("two poses") };
+        assert_eq!((there.count, elsewhere.count), (6.0, 1.0));
+        assert!((there.stay_s() - 12e-3).abs() < 1e-12 && (elsewhere.stay_s() - 4e-3).abs() < 1e-12);
     }
 
     #[test]

@@ -129,8 +129,8 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         let tilt_rad = place.tilt_rad(side, &mean.unrest.acceleration_m_s2);
         let (expected_n_m, by_contact) = side.expect(Around::of_state(&(near.vector() + by_tilt * tilt_rad)));
         let slopes = by_contact * slopes;
-        // The mean of an oscillation decreases with the duration, its variance with the square.
-        let repeats = 1.0 + (mean.duration_s / (2.0 * TILT_S)).powi(2);
+        // The mean of an oscillation decreases with the duration of a stay, its variance with the square.
+        let repeats = 1.0 + (mean.stay_s() / (2.0 * TILT_S)).powi(2);
         let by_inertia = by_contact * by_tilt * (tilt_rad * INERTIA_SD);
         let by_tilt = by_contact * by_tilt * place.tilt_sd_rad(side, &mean.unrest.second);
         let model = side.model_covariance_n2_m2(*near);

@@ -1,0 +1,133 @@
+//! The true object of a trace in space, as far as few parameters describe it where it is touched.
+
+use nalgebra::{Matrix3, Vector3};
+use trace::{SpatialContactTruth, SpatialTrace};
+
+use super::solid::{Axial, Solid};
+
+/// Smallest extent of the touched points of a rod or edge, and largest deviation from a line relative to it.
+const EXTENT_M: f64 = 1e-3;
+const STRAIGHT: f64 = 0.05;
+
+/// Smallest radius of rod and wire together.
+const LEAST_RADIUS_M: f64 = 1e-5;
+
+/// Largest deviation of touched points from the surface of a solid that is touched on its round side alone.
+const ON_SIDE_M: f64 = 1e-5;
+
+/// The part of an object that is touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TrueObject {
+    /// Rod, cylinder or edge.
+    Rod(TrueRod),
+    /// Sphere.
+    Sphere(TrueSphere),
+}
+
+/// A sphere in World.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrueSphere {
+    /// Centre (m).
+    pub center: Vector3<f64>,
+    /// Radius of sphere and wire together (m).
+    pub radius_m: f64,
+}
+
+impl TrueObject {
+    /// The object of a trace: that of its scene if this is a sphere, or a pin or cylinder that is touched on its side alone; else
+    /// the edge on which the touched points lie. `None` if they do not lie on one.
+    pub fn of(trace: &SpatialTrace, solid: Option<&Solid>) -> Option<Self> {
+        let contacts = contacts(trace);
+        match solid {
+            Some(Solid::Sphere { center_m, .. }) => {
+                let center = Vector3::from(*center_m);
+                let radius_m = mean(&contacts, |contact| (contact.contact - center).norm())?;
+                Some(Self::Sphere(TrueSphere { center, radius_m }))
+            }
+            Some(Solid::Pin { radius_m, place, .. } | Solid::Cylinder { radius_m, place, .. }) => {
+                TrueRod::round(&contacts, place, *radius_m).map(Self::Rod)
+            }
+            _ => TrueRod::edge(&contacts).map(Self::Rod),
+        }
+    }
+
+    /// The rod or edge. `None` for a sphere.
+    pub fn rod(&self) -> Option<&TrueRod> {
+        match self {
+            Self::Rod(rod) => Some(rod),
+            Self::Sphere(_) => None,
+        }
+    }
+}
+
+/// All contacts of a trace.
+fn contacts(trace: &SpatialTrace) -> Vec<&SpatialContactTruth> {
+    trace.truth.instants.iter().filter_map(|truth| truth.contact.as_ref()).collect()
+}
+
+/// Mean of a quantity over contacts. `None` without any.
+fn mean(contacts: &[&SpatialContactTruth], of: impl Fn(&SpatialContactTruth) -> f64) -> Option<f64> {
+    crate::statistics::mean(contacts.iter().map(|contact| of(contact)))
+}
+
+/// A rod or edge in World.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrueRod {
+    /// A point of the axis.
+    pub axis: Vector3<f64>,
+    /// Unit vector along the axis.
+    pub along: Vector3<f64>,
+    /// Radius of rod and wire together.
+    pub radius_m: f64,
+}
+
+impl TrueRod {
+    /// The rod of a solid of revolution with a straight side. `None` if it is also touched elsewhere.
+    fn round(contacts: &[&SpatialContactTruth], place: &Axial, radius_m: f64) -> Option<Self> {
+        let (axis, along) = (Vector3::from(place.center_m), Vector3::from(place.axis).normalize());
+        let from_axis_m = |point: Vector3<f64>| along.cross(&(point - axis)).norm();
+        let is_on_side = |contact: &&SpatialContactTruth| (from_axis_m(contact.surface) - radius_m).abs() < ON_SIDE_M;
+        let with_wire_m = mean(contacts, |contact| from_axis_m(contact.contact))?;
+        contacts.iter().all(is_on_side).then_some(Self { axis, along, radius_m: with_wire_m })
+    }
+
+    /// The edge of some contacts. `None` if the touched points do not lie on a straight line of more than a millimetre.
+    fn edge(contacts: &[&SpatialContactTruth]) -> Option<Self> {
+        let surface: Vec<_> = contacts.iter().map(|contact| contact.surface).collect();
+        let along = direction(&surface)?;
+        // The centres `p - rho n` lie on the axis: deviations of contacts and normals across it are proportional.
+        let mean = |of: fn(&SpatialContactTruth) -> Vector3<f64>| {
+            contacts.iter().map(|contact| of(contact)).sum::<Vector3<f64>>() / contacts.len() as f64
+        };
+        let (contact, normal) = (mean(|contact| contact.contact), mean(|contact| contact.normal));
+        let across = Matrix3::identity() - along * along.transpose();
+        let (mut product, mut square) = (0.0, 0.0);
+        for here in contacts {
+            let turned = across * (here.normal - normal);
+            product += turned.dot(&(here.contact - contact));
+            square += turned.norm_squared();
+        }
+        let radius_m = if square > 0.0 { (product / square).max(LEAST_RADIUS_M) } else { LEAST_RADIUS_M };
+        Some(Self { axis: contact - normal * radius_m, along, radius_m })
+    }
+
+    /// Unit vectors that complete the direction to orthogonal axes.
+    pub fn across(&self) -> [Vector3<f64>; 2] {
+        let one = self.along.cross(&Vector3::ith(self.along.iamin(), 1.0)).normalize();
+        [one, self.along.cross(&one)]
+    }
+}
+
+/// Direction of points on a straight line. `None` if they do not lie on one.
+fn direction(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    let count = points.len() as f64;
+    let mean = points.iter().sum::<Vector3<f64>>() / count;
+    let spread: Matrix3<f64> = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
+    let parts = (spread / count).try_symmetric_eigen(f64::EPSILON, 0)?;
+    let longest = parts.eigenvalues.imax();
+    let along = parts.eigenvectors.column(longest).into_owned();
+    let rest = (parts.eigenvalues.sum() - parts.eigenvalues[longest]).max(0.0);
+    let places = points.iter().map(|point| along.dot(&(point - mean)));
+    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+    (high - low > EXTENT_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
+}
