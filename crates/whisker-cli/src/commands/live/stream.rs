@@ -11,12 +11,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use live::wire::{self, BadLine, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
-use live::{Answer, Counters, Kind, LiveEstimator, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing};
+use live::{
+    Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing,
+};
 use serde_json::Value;
 use strict_json::one_line;
 use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use testbed::replay::method;
-use trace::{CalibrationFile, SpatialCalibrationFile, is_spatial};
+use trace::{CalibrationFile, RATES_HZ, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
@@ -36,12 +38,6 @@ const NAP: Duration = Duration::from_millis(50);
 
 /// Longest wait of a whisker without a waiting reading.
 const IDLE: Duration = Duration::from_secs(1);
-
-/// Smallest and largest sampling rate (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
-
-/// Largest standard deviation of the noise.
-const MOST_NOISE_N_M: f64 = 1e6;
 
 /// A line and its arrival.
 struct Arrival {
