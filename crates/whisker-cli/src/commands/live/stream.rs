@@ -312,9 +312,12 @@ where
     }
 
     fn unknown(&self, name: Option<&str>) -> String {
-        let known: Vec<_> = self.whiskers.iter().map(|whisker| whisker.name.as_deref().unwrap_or("none")).collect();
+        let known: Vec<_> = self.whiskers.iter().filter_map(|whisker| whisker.name.as_deref()).collect();
         let found = name.map_or_else(|| "no name".into(), |name| format!("the name `{}`", one_line(name)));
-        format!("found {found}, expected one of those of --calibration: {}", known.join(", "))
+        match known.as_slice() {
+            [] => format!("found {found}, expected no name, as in --calibration"),
+            known => format!("found {found}, expected one of those of --calibration: {}", known.join(", ")),
+        }
     }
 
     /// Begins the estimation of a whisker.
@@ -384,8 +387,8 @@ impl Method for InPlane {
     ) -> anyhow::Result<LiveEstimator> {
         check_prior((prior.protocol, PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
         let whisker = &calibration.whisker;
-        if prior.whisker.as_ref().is_some_and(|stated| stated != whisker) {
-            bail!("whisker: found other parameters than those of {}, expected the same", path.display());
+        if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
+            bail!("whisker.{difference}, as in {}", path.display());
         }
         let expected = |key: &str, expected: String| anyhow::anyhow!("{key}: found other numbers, expected {expected}");
         let base_noise = prior.base_noise.map(|of| of.base_noise().map_err(|form| expected("base_noise", form)));
