@@ -1,5 +1,6 @@
 //! Settings and descriptions as Python objects, and arguments with a fixed meaning.
 
+use ::trace::RATES_HZ;
 use ::whisker::estimators::{BaseNoise, ContactPrior};
 use ::whisker::frames::{Base, Point, Pose};
 use ::whisker::sensor::Face;
@@ -40,9 +41,6 @@ pub(crate) fn face(name: &str) -> PyResult<Face> {
         _ => Err(refused("face", format!("`{name}`"), "`left` or `right`")),
     }
 }
-
-/// Smallest and largest sampling rate (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
 /// Checks that a number is finite and not negative.
 pub(crate) fn check_not_negative(what: &str, number: f64) -> PyResult<()> {

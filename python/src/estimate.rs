@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use ::trace::FARTHEST_M;
 use ::whisker::estimators::{self, Knowledge};
 use ::whisker::frames::{Base, Point};
 use ::whisker::sensor::Face;
@@ -13,9 +14,6 @@ use pyo3::types::PyDict;
 
 use crate::arrays::{Numbers, numbers, rows};
 use crate::error::refused;
-
-/// Largest distance of an estimated contact from the base.
-const FARTHEST_M: f64 = 1e3;
 
 /// Estimate of the contact at one instant, in Base.
 #[pyclass(frozen, module = "whisker_contact")]
@@ -164,7 +162,11 @@ pub(crate) fn returned(
         return Err(refused("contact", format!("{} numbers", contact.len()), "2, in Base (m)"));
     };
     if x_m.hypot(y_m) > FARTHEST_M {
-        return Err(refused("contact", format!("{contact:?}"), "a point within 1000 m of the base, in Base"));
+        return Err(refused(
+            "contact",
+            format!("{contact:?}"),
+            &format!("a point within {FARTHEST_M} m of the base, in Base"),
+        ));
     }
     let contact = Point::new(x_m, y_m);
     let estimate = estimators::Estimate {

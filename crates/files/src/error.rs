@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use strict_json::{one_line, shown};
+use strict_json::{one_line, reason, shown};
 
 /// Path in one line.
 fn at(path: &Path) -> String {
@@ -69,10 +69,8 @@ impl Error {
     /// Wraps a JSON error of this file.
     pub fn json(path: &Path) -> impl FnOnce(serde_json::Error) -> Self + '_ {
         move |error| {
-            // serde_json appends the place to its message; here it precedes the message.
-            let text = error.to_string();
-            let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
-            Self::Json { path: path.into(), line: error.line(), column: error.column(), message }
+            // The place precedes the message.
+            Self::Json { path: path.into(), line: error.line(), column: error.column(), message: reason(&error) }
         }
     }
 

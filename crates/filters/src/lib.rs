@@ -17,6 +17,7 @@
 //! | [`smoother`] | Rauch-Tung-Striebel smoother |
 //! | [`batch`] | maximum a posteriori trajectory by the Gauss-Newton method |
 //! | [`bound`] | posterior Cramer-Rao bound |
+//! | [`quantile`] | quantiles of the normal and the chi-square distribution |
 //! | [`least_squares`] | Levenberg-Marquardt and Gauss-Newton methods |
 //!
 //! # Notation
@@ -101,6 +102,7 @@ pub mod least_squares;
 mod matrix;
 mod model;
 pub mod particle;
+pub mod quantile;
 pub mod robust;
 mod simd;
 pub mod smoother;

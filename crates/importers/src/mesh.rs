@@ -24,7 +24,7 @@ type Point = [f64; 2];
 /// at the end, in the mesh's unit. Empty if the plane does not intersect the mesh.
 ///
 /// # Errors
-/// [`Error`] if the file cannot be read or is not a binary STL.
+/// [`Error`] as [`triangles`].
 pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
     let edges: Vec<[Point; 2]> = triangles(path)?.iter().filter_map(|corners| cut(corners, z)).collect();
     let outer = loops(&edges).into_iter().max_by(|a, b| area(a).abs().total_cmp(&area(b).abs()));
@@ -38,7 +38,7 @@ pub(crate) fn section(path: &Path, z: f64) -> Result<Vec<Point>, Error> {
 /// Corners of the triangles of a mesh, in its unit.
 ///
 /// # Errors
-/// [`Error`] if the file cannot be read or is not a binary STL.
+/// [`Error`] if the file cannot be read, is not a binary STL, or has a coordinate that is not finite.
 pub(crate) fn triangles(path: &Path) -> Result<Vec<Triangle>, Error> {
     let bytes = read_table(path)?;
     let count = bytes.get(HEAD - 4..HEAD).map(|field| u32::from_le_bytes(field.try_into().expect("four bytes")));
@@ -46,7 +46,13 @@ pub(crate) fn triangles(path: &Path) -> Result<Vec<Triangle>, Error> {
     if bytes.len() != expected || count.is_none() {
         return Err(Error::value(path, "size", bytes.len(), format!("{expected} bytes of a binary STL")));
     }
-    Ok(bytes[HEAD..].chunks_exact(TRIANGLE).map(corners).collect())
+    let triangles: Vec<Triangle> = bytes[HEAD..].chunks_exact(TRIANGLE).map(corners).collect();
+    for (index, corners) in triangles.iter().enumerate() {
+        if let Some(found) = corners.iter().flatten().find(|coordinate| !coordinate.is_finite()) {
+            return Err(Error::value(path, format!("triangles[{index}]"), found, "finite coordinates"));
+        }
+    }
+    Ok(triangles)
 }
 
 fn corners(triangle: &[u8]) -> Triangle {
@@ -150,5 +156,10 @@ mod tests {
             let message = cut_at(damaged, 0.5).expect_err("damaged").to_string();
             assert!(message.contains("of a binary STL"), "{message}");
         }
+        let mut infinite = bytes.clone();
+        let at = HEAD + 3 * TRIANGLE + 12;
+        infinite[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+        let message = cut_at(&infinite, 0.5).expect_err("not finite").to_string();
+        assert!(message.contains("triangles[3]: found NaN, expected finite coordinates"), "{message}");
     }
 }

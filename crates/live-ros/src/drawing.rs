@@ -3,15 +3,10 @@
 use bag::messages::{Color, Duration, Header, Marker, MarkerArray, Point, Pose, Quaternion, Time, Vector3, marker};
 use nalgebra::{Matrix2, UnitQuaternion};
 use testbed::contour::Contour;
+use testbed::statistics::{CHI2_2_95, NORMAL_95};
 
 /// Probability of the drawn ellipses and bands.
 pub const COVERAGE: f64 = 0.95;
-
-/// Quantile of the chi-square distribution with two degrees of freedom at [`COVERAGE`], `-2 ln(1 - 0.95)`.
-const CHI_SQUARE_2: f64 = 5.991_464_547_107_979;
-
-/// Quantile of the standard normal distribution at (1 + [`COVERAGE`]) / 2.
-const NORMAL: f64 = 1.959_963_984_540_054;
 
 /// Width of drawn lines and smallest diameter of an ellipse (m).
 const LINE_M: f64 = 6e-4;
@@ -117,7 +112,7 @@ impl InSpace {
     /// Ellipse that contains a point of this covariance with probability [`COVERAGE`].
     pub(crate) fn ellipse(&self, at: (f64, f64), covariance_m2: &Matrix2<f64>) -> Option<Form> {
         let eigen = covariance_m2.symmetric_eigen();
-        let diameter_m = |variance_m2: f64| (2.0 * (CHI_SQUARE_2 * variance_m2).sqrt()).max(LEAST_M);
+        let diameter_m = |variance_m2: f64| (2.0 * (CHI2_2_95 * variance_m2).sqrt()).max(LEAST_M);
         let along = eigen.eigenvectors.column(0);
         let [x, y] = [eigen.eigenvalues[0], eigen.eigenvalues[1]].map(|variance_m2| diameter_m(variance_m2.max(0.0)));
         let pose = Pose { position: self.point(at.0, at.1), orientation: self.orientation(along.y.atan2(along.x)) };
@@ -136,7 +131,7 @@ impl InSpace {
         let edge = |side: f64| {
             contour.vertices.iter().map(move |vertex| {
                 let (sin, cos) = vertex.normal_rad.sin_cos();
-                let way_m = side * NORMAL * vertex.sd_m()?;
+                let way_m = side * NORMAL_95 * vertex.sd_m()?;
                 Some((vertex.at.x() + way_m * cos, vertex.at.y() + way_m * sin))
             })
         };

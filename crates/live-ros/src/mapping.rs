@@ -6,23 +6,18 @@ use std::path::{Path, PathBuf};
 use bag::messages::{MagneticField, MagneticFieldArray};
 use bag::{Message, topics};
 use files::{Error, FORMAT, read_json};
-use live::Timing;
+use live::{MOST_NOISE_N_M, Timing};
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use testbed::map::MapConfig;
 use testbed::results::RECOMMENDED;
+use trace::RATES_HZ;
 
 use crate::chain::Plane;
 
 /// Kind of the file.
 const KIND: &str = "contact_mapping";
-
-/// Smallest and largest rate of readings (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
-
-/// Largest standard deviation of the noise.
-const MOST_NOISE_N_M: f64 = 1e6;
 
 /// Longest zeroing (s).
 const MOST_ZEROING_S: f64 = 60.0;

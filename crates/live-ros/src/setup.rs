@@ -146,7 +146,7 @@ impl Common<'_> {
     }
 }
 
-/// Sensors of the whiskers whose magnets a sensor sees, in the order of its cross-talk.
+/// Sensors of the whiskers whose magnets a sensor measures, in the order of its cross-talk.
 fn neighbours_of<'a>(mapping: &'a Mapping, own: &SensorFile) -> anyhow::Result<Vec<&'a CountsEntry>> {
     let mut found = Vec::new();
     for talk in &own.cross_talk {

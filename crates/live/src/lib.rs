@@ -104,3 +104,6 @@ pub use play::{Content, Message, SpatialMessage, messages, messages_in_space, pl
 pub use poses::{Posed, Poses, SpatialPoses};
 pub use samples::{Sampled, Samples};
 pub use timing::Timing;
+
+/// Largest standard deviation of the noise that the first line of a stream or a mapping file may state (N m).
+pub const MOST_NOISE_N_M: f64 = 1e6;

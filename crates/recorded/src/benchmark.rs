@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use files::{write_atomically, write_json};
+use filters::quantile::NORMAL_95;
 use importers::{SpatialRecordings, SpatialSweep, Triangle, stanford_in_space};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
@@ -26,9 +27,6 @@ pub const PAPER: &str = "paper-ukf-3d";
 
 /// Least share of the contacts of a sweep that lie on a face whose distances are stated.
 const FACE_SHARE: f64 = 0.1;
-
-/// 0.975 quantile of the standard normal distribution.
-const NORMAL_95: f64 = 1.959_963_984_540_054;
 
 /// Error of a sensor model on left-out lines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -381,11 +379,10 @@ impl<'a> Swept<'a> {
         let Some(mesh) = &self.sweep.mesh else { return Vec::new() };
         let mut faces: Vec<(Face, Vec<f64>)> = Vec::new();
         for SweptContact { contact_m, .. } in self.batch.iter().flatten() {
-            let Some(face) = Face::nearest(contact_m, mesh) else { continue };
-            let distance = distance_m(contact_m, mesh);
+            let Some((face, distance_m)) = Face::nearest(contact_m, mesh) else { continue };
             match faces.iter_mut().find(|(known, _)| known.is(&face)) {
-                Some((_, distances)) => distances.push(distance),
-                None => faces.push((face, vec![distance])),
+                Some((_, distances)) => distances.push(distance_m),
+                None => faces.push((face, vec![distance_m])),
             }
         }
         let contacts: usize = faces.iter().map(|(_, distances)| distances.len()).sum();
@@ -460,7 +457,7 @@ fn scores<'a>(
         });
         let shift_m = shifts.iter().find(|(object, _)| *object == sweep.object).and_then(|(_, shift)| *shift);
         let (recorded, moved) = (surface(Vector3::zeros()), shift_m.and_then(surface));
-        let stated = shift_m.zip(mesh).map(|(shift_m, mesh)| Stated::of(all.iter().flatten(), shift_m, mesh));
+        let stated = shift_m.zip(mesh).and_then(|(shift_m, mesh)| Stated::of(all.iter().flatten(), shift_m, mesh));
         SweepScore {
             name: sweep.name.clone(),
             object: sweep.object.clone(),
@@ -487,7 +484,7 @@ fn scores<'a>(
 }
 
 /// Stated uncertainty of contacts across a surface, and the errors in units of it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Stated {
     sd_m: f64,
     coverage: f64,
@@ -495,19 +492,27 @@ struct Stated {
 }
 
 impl Stated {
-    /// That of shifted contacts, of which there is at least one, across the nearest part of a mesh.
-    fn of<'a>(contacts: impl Iterator<Item = &'a SweptContact>, shift_m: Vector3<f64>, mesh: &[Triangle]) -> Self {
+    /// That of shifted contacts across the nearest face of a mesh. `None` without contacts, or if no triangle has an area.
+    fn of<'a>(
+        contacts: impl Iterator<Item = &'a SweptContact>,
+        shift_m: Vector3<f64>,
+        mesh: &[Triangle],
+    ) -> Option<Self> {
         let (mut count, mut variance_m2, mut covered, mut nees) = (0.0, 0.0, 0.0, 0.0);
         for SweptContact { contact_m, covariance_m2 } in contacts {
-            let Some(Face { normal, .. }) = Face::nearest(&(contact_m + shift_m), mesh) else { continue };
+            let (Face { normal, .. }, distance_m) = Face::nearest(&(contact_m + shift_m), mesh)?;
             let of_contact_m2 = normal.dot(&(covariance_m2 * normal));
-            let squared = distance_m(&(contact_m + shift_m), mesh).powi(2) / of_contact_m2;
+            let squared = distance_m.powi(2) / of_contact_m2;
             count += 1.0;
             variance_m2 += of_contact_m2;
             covered += f64::from(squared <= NORMAL_95.powi(2));
             nees += squared;
         }
-        Self { sd_m: (variance_m2 / count).sqrt(), coverage: covered / count, nees: nees / count }
+        (count > 0.0).then(|| Self {
+            sd_m: (variance_m2 / count).sqrt(),
+            coverage: covered / count,
+            nees: nees / count,
+        })
     }
 }
 
@@ -525,4 +530,31 @@ fn shift(contacts: &[Vector3<f64>], mesh: &[Triangle]) -> Vector3<f64> {
         }
     }
     shift
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+
+    /// A square of 40 mm in the plane of x and z, and a triangle without area nearer to the contacts.
+    const MESH: [Triangle; 3] = [
+        [[0.0, 1e-3, 0.0], [0.02, 1e-3, 0.02], [0.04, 1e-3, 0.04]],
+        [[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.04, 0.0, 0.04]],
+        [[0.0, 0.0, 0.0], [0.04, 0.0, 0.04], [0.0, 0.0, 0.04]],
+    ];
+
+    #[test]
+    fn verif_stated_uncertainty_is_that_across_the_face() {
+        let covariance_m2 = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-8, 1e-4));
+        let at = |y_m: f64| SweptContact { contact_m: Vector3::new(0.02, y_m, 0.02), covariance_m2 };
+        let contacts = [at(0.9e-4), at(2.9e-4)];
+        let shift_m = Vector3::new(0.0, 1e-5, 0.0);
+        let stated = Stated::of(contacts.iter(), shift_m, &MESH).expect("a face");
+        assert!((stated.sd_m - 1e-4).abs() < 1e-15 && stated.coverage == 0.5, "{stated:?}");
+        assert!((stated.nees - 5.0).abs() < 1e-9, "{stated:?}");
+        assert!(Stated::of(contacts.iter(), shift_m, &MESH[..1]).is_none());
+        assert!(Stated::of([].iter(), shift_m, &MESH).is_none());
+    }
 }

@@ -35,19 +35,28 @@ impl Face {
     /// Largest difference of normals (1), and of offsets (m), of triangles of one plane.
     const SAME: [f64; 2] = [1e-3, 1e-5];
 
-    /// The plane of the triangle that is nearest to a point. `None` if the mesh is empty or the triangle has no area.
-    pub fn nearest(point: &Vector3<f64>, mesh: &[Triangle]) -> Option<Self> {
-        let off = |corners: &Triangle| (on_triangle(point, &corners.map(Vector3::from)) - point).norm_squared();
-        let corners = mesh.iter().map(|corners| (off(corners), corners)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
-        let [a, b, c] = corners.map(Vector3::from);
-        let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
-        Some(Self { normal, offset_m: normal.dot(&a) })
+    /// The plane of the triangle that is nearest to a point, and the distance from this triangle (m). Triangles without area
+    /// have no plane and are not considered; `None` if there are no others.
+    pub fn nearest(point: &Vector3<f64>, mesh: &[Triangle]) -> Option<(Self, f64)> {
+        let of_triangle = |corners: &Triangle| {
+            let corners = corners.map(Vector3::from);
+            let normal = normal(&corners)?;
+            Some((Self { normal, offset_m: normal.dot(&corners[0]) }, (on_triangle(point, &corners) - point).norm()))
+        };
+        mesh.iter().filter_map(of_triangle).min_by(|(_, a_m), (_, b_m)| a_m.total_cmp(b_m))
     }
 
     /// Whether both are the same plane.
     pub fn is(&self, other: &Self) -> bool {
         (self.normal - other.normal).norm() < Self::SAME[0] && (self.offset_m - other.offset_m).abs() < Self::SAME[1]
     }
+}
+
+/// Unit normal of a triangle by the order of its corners. `None` if they lie on a line, to rounding.
+fn normal([a, b, c]: &[Vector3<f64>; 3]) -> Option<Vector3<f64>> {
+    const ROUNDING: f64 = 1e-12;
+    let (ab, ac) = (b - a, c - a);
+    ab.cross(&ac).try_normalize(ROUNDING * ab.norm() * ac.norm())
 }
 
 /// Edge of the cells in which points of the surface count as one (m).
@@ -167,9 +176,21 @@ mod tests {
 
     #[test]
     fn verif_triangles_of_one_plane_are_one_face() {
-        let of = |x: f64, z: f64| Face::nearest(&Vector3::new(x, 1e-3, z), &SQUARE).expect("a face");
+        let of = |x: f64, z: f64| Face::nearest(&Vector3::new(x, 1e-3, z), &SQUARE).expect("a face").0;
         assert!(of(0.03, 0.01).is(&of(0.01, 0.03)));
         let flipped = SQUARE.map(|[a, b, c]| [a, c, b]);
-        assert!(!Face::nearest(&Vector3::new(0.03, 0.0, 0.01), &flipped).expect("a face").is(&of(0.03, 0.01)));
+        assert!(!Face::nearest(&Vector3::new(0.03, 0.0, 0.01), &flipped).expect("a face").0.is(&of(0.03, 0.01)));
+    }
+
+    #[test]
+    fn verif_triangles_without_area_have_no_face() {
+        let line: Triangle = [[0.0, 1e-3, 0.0], [0.02, 1e-3, 0.02], [0.06, 1e-3, 0.06]];
+        let point = Vector3::new(0.03, 1.2e-3, 0.01);
+        let expected = Face::nearest(&point, &SQUARE).expect("a face");
+        assert!((expected.1 - 1.2e-3).abs() < 1e-15);
+        assert_eq!(Face::nearest(&point, &[line, SQUARE[0], SQUARE[1]]), Some(expected));
+        assert_eq!(Face::nearest(&point, &[line]), None);
+        assert_eq!(Face::nearest(&point, &[[[0.0; 3]; 3]]), None);
+        assert_eq!(Face::nearest(&point, &[]), None);
     }
 }

@@ -15,7 +15,7 @@ pub const TOUCH: f64 = 0.02;
 /// Distance of a wrong start from the true contact (m).
 const WRONG_M: f64 = 5e-3;
 
-/// 95 % quantile of the chi-squared distribution with three degrees of freedom.
+/// 95 % quantile of the chi-square distribution with three degrees of freedom.
 const CHI2_3: f64 = 7.815;
 
 /// Scores of an estimator on one pin.

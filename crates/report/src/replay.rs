@@ -6,9 +6,9 @@ use anyhow::{Context, Result};
 use maud::{Markup, PreEscaped, html};
 use nalgebra::{Matrix2, SymmetricEigen};
 use serde::Serialize;
-use testbed::metrics::consistency::CHI2_95;
 use testbed::metrics::error;
 use testbed::results::{EstimateRow, RECOMMENDED, RunEstimator, RunSet};
+use testbed::statistics::CHI2_2_95;
 use whisker::Whisker;
 use whisker::elastica::{Elastica, Load};
 use whisker::estimators::MethodClass;
@@ -208,7 +208,7 @@ impl Replayed {
 fn ellipse(row: &EstimateRow) -> Option<[Whole; 3]> {
     let covariance = Matrix2::new(row.cov_xx_m2?, row.cov_xy_m2?, row.cov_xy_m2?, row.cov_yy_m2?);
     let SymmetricEigen { eigenvectors, eigenvalues } = covariance.symmetric_eigen();
-    let [first, second] = [eigenvalues[0], eigenvalues[1]].map(|variance| (CHI2_95 * variance.max(0.0)).sqrt());
+    let [first, second] = [eigenvalues[0], eigenvalues[1]].map(|variance| (CHI2_2_95 * variance.max(0.0)).sqrt());
     let degrees = eigenvectors[(1, 0)].atan2(eigenvectors[(0, 0)]).to_degrees();
     Some([micrometres(first), micrometres(second), (10.0 * degrees).round() as Whole])
 }

@@ -40,7 +40,11 @@ impl RunData {
     /// error names file, line and column.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let run_file = folder.join("run.json");
-        ensure!(run_file.is_file(), "{}: does not exist; is this the folder of a run?", run_file.display());
+        ensure!(
+            run_file.is_file(),
+            "{}: no such file, expected the folder of a run, which `whisker evaluate` writes",
+            run_file.display()
+        );
         let mut run = Run::read(&run_file)?;
         let summary: Vec<SummaryRow> = read_scores(&folder.join("summary.csv"))?;
         ensure!(
@@ -408,6 +412,6 @@ mod tests {
     fn robust_a_folder_without_a_run_gives_one_error() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let message = format!("{:#}", RunData::read(folder.path()).err().expect("no run"));
-        assert!(message.contains("run.json: does not exist; is this the folder of a run?"), "{message}");
+        assert!(message.contains("run.json: no such file, expected the folder of a run"), "{message}");
     }
 }

@@ -193,9 +193,12 @@ impl WhiskerFit<'_> {
     /// Fits the whisker, unless an up-to-date calibration is there.
     fn run(&self) -> anyhow::Result<Fitted> {
         let whisker = self.whisker;
-        if let Some(other) = self.traces.iter().find(|trace| trace.sidecar.whisker != *whisker) {
-            let (other, name, first) = (&other.sidecar.name, &whisker.name, &self.traces[0].sidecar.name);
-            bail!("{other}: its whisker `{name}` has other parameters than that of {first}");
+        let difference = |trace: &Trace| Some((trace.sidecar.name.clone(), trace.sidecar.whisker.difference(whisker)?));
+        if let Some((other, difference)) = self.traces.iter().find_map(difference) {
+            bail!(
+                "{other}: whisker.{difference}, as in {}, whose whisker has the same name",
+                self.traces[0].sidecar.name
+            );
         }
         let data_sha256 = data_sha256(self.traces.iter().map(|trace| &trace.sidecar));
         let watermark = self.watermark(&data_sha256)?;

@@ -125,12 +125,8 @@ pub fn estimator(
 /// # Errors
 /// If the whisker differs or the face is missing. `path` is the path of the calibration.
 pub fn check_calibration(path: &Path, calibration: &CalibrationFile, sidecar: &Sidecar) -> anyhow::Result<()> {
-    if calibration.whisker != sidecar.whisker {
-        bail!(
-            "{}: whisker: found other parameters than those of {}; fit a calibration to this whisker",
-            path.display(),
-            sidecar.name
-        );
+    if let Some(difference) = calibration.whisker.difference(&sidecar.whisker) {
+        bail!("{}: whisker.{difference}, as in {}; fit a calibration to this whisker", path.display(), sidecar.name);
     }
     if !calibration.faces.iter().any(|face| face.face == sidecar.face) {
         bail!(

@@ -1,7 +1,6 @@
-//! Order statistics and means.
+//! Order statistics, means and quantiles.
 
-/// 97.5 % quantile of the standard normal distribution: half width of the 95 % interval in standard deviations.
-pub const NORMAL_95: f64 = 1.959_963_984_540_054;
+pub use filters::quantile::{CHI2_2_95, CHI2_3_95, NORMAL_95};
 
 /// `q`-quantile with linear interpolation between order statistics. `None` for an empty slice. Missing values are
 /// passed as infinity and sort last.

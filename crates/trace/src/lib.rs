@@ -65,7 +65,7 @@ pub use object_class::ObjectClass;
 pub use outline::Outline;
 pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
-pub use sidecar::{Contour, Generator, Recorded, Role, Sidecar, data_sha256, is_plain_name};
+pub use sidecar::{Contour, Generator, RATES_HZ, Recorded, Role, Sidecar, data_sha256, is_plain_name};
 pub use spatial::{
     Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialCertificate, SpatialContactTruth,
     SpatialInstant, SpatialModelFile, SpatialPose, SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth,

@@ -11,8 +11,8 @@ use whisker::sensor::Face;
 use crate::spatial::other_format;
 use crate::{Certificate, ObjectClass, ReplayEffects};
 
-/// Smallest and largest sampling rate.
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
+/// Smallest and largest sampling rate (Hz).
+pub const RATES_HZ: [f64; 2] = [1e-3, 1e6];
 
 /// Purpose of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -137,7 +137,7 @@ fn robust_impossible_parameter() {
 
 #[test]
 fn robust_truncated_sidecar() {
-    check_fails(SIDECAR, |text| text[..200].to_owned(), &["golden_pin.json", "EOF"]);
+    check_fails(SIDECAR, |text| text[..200].to_owned(), &["golden_pin.json", "found the end within"]);
 }
 
 #[test]
@@ -209,6 +209,64 @@ fn robust_wrong_usage_exits_with_two() {
 }
 
 #[test]
+fn robust_numbers_out_of_range_state_the_range() {
+    let replay = |option: &str, value: &str, words: &[&str]| {
+        let output = whisker(&["replay", "datasets/golden/golden_pin.csv", option, value]);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{option} {value}: {text}");
+        words
+            .iter()
+            .for_each(|word| assert!(text.contains(word), "{option} {value} does not contain `{word}`: {text}"));
+    };
+    replay("--noise", "-0.1", &["'-0.1'", "--noise", "0 to 10"]);
+    replay("--noise", "NaN", &["'NaN'", "--noise", "0 to 10"]);
+    replay("--seed", "-1", &["'-1'", "--seed", "a whole number, 0 to "]);
+    replay("--config", r#"{"fading": 1e400}"#, &["--config", "column 16", "number out of range"]);
+    let gain = whisker(&["evaluate", "datasets/golden", "--miscalibrate", r#"{"gain": "x"}"#]);
+    let text = String::from_utf8(gain.stderr).unwrap();
+    assert!(gain.status.code() == Some(2) && text.contains(r#"column 12: found "x", expected a number"#), "{text}");
+}
+
+#[test]
+fn robust_values_of_a_wrong_type_are_named_in_terms_of_json() {
+    let number = |text: String| text.replacen("\"rate_hz\": 250.0", "\"rate_hz\": \"250\"", 1);
+    check_fails(SIDECAR, number, &["golden_pin.json:", "found \"250\", expected a number"]);
+    check_fails(SIDECAR, |_| "[]".into(), &["golden_pin.json:1:2", "expected an object"]);
+    let fit = |config: &str, words: &[&str]| {
+        fails(&["fit", "datasets/golden", "--model", "polynomial", "--config", config], words);
+    };
+    fit("[7]", &["found [7], expected a JSON object"]);
+}
+
+#[test]
+fn robust_an_output_folder_that_is_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("notes.txt");
+    fs::write(&file, "notes").unwrap();
+    let inside = file.join("run");
+    let [file_name, inside_name] = [&file, &inside].map(|path| path.to_str().unwrap());
+    for arguments in [
+        ["fit", "datasets/golden", "--out", file_name],
+        ["fit", "datasets/golden", "--out", inside_name],
+        ["evaluate", "datasets/golden", "--results", file_name],
+        ["recordings", "datasets/golden", "--out", file_name],
+        ["recordings", "datasets/golden", "--out", inside_name],
+        ["replay", "datasets/golden/golden_pin.csv", "--out", inside_name],
+    ] {
+        fails(&arguments, &["notes.txt: is a file, expected a folder"]);
+    }
+    assert_eq!(fs::read_to_string(&file).unwrap(), "notes");
+}
+
+#[test]
+fn robust_a_json_file_of_no_known_kind() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("settings.json");
+    fs::write(&file, r#"{"ekf": {"fading": 1.0}}"#).unwrap();
+    fails(&["check", file.to_str().unwrap()], &["settings.json: found none of the keys", "suite or scene"]);
+}
+
+#[test]
 fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
@@ -221,7 +279,8 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     };
     evaluate(&["--estimators", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
     evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
-    evaluate(&["--encoders", "{}"], &["--encoders", "do not apply to traces in space"]);
+    evaluate(&["--encoders", "{}"], &["--encoders: does not apply to traces in space"]);
+    evaluate(&["--starts", "wrong"], &["--starts: does not apply to traces in space"]);
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";

@@ -237,7 +237,7 @@ fn robust_bad_lines_are_named_with_line_and_column_counted_and_answered() {
         "{errors}"
     );
     assert!(
-        said[1].starts_with("error: stdin: line 502, column ") && said[1].contains("expected a JSON object"),
+        said[1].starts_with("error: stdin: line 502, column ") && said[1].contains("messages are JSON objects"),
         "{errors}"
     );
     assert!(

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use strict_json::list_for_object;
+use strict_json::{list_for_object, reason};
 
 /// Error of invalid settings.
 #[derive(Debug, thiserror::Error)]
@@ -58,13 +58,36 @@ pub fn with_defaults(settings: &Map<String, Value>, mut defaults: Value) -> Valu
 /// # Errors
 /// [`SettingsError`] if they do not parse or a value is out of range.
 pub fn parse<T: Settings>(value: &Value) -> Result<T, SettingsError> {
-    let not_parsed = |error: serde_json::Error| SettingsError::Parse(error.to_string());
-    let settings = T::deserialize(value).map_err(not_parsed)?;
-    if let Some(place) = list_for_object(value, &serde_json::to_value(&settings).map_err(not_parsed)?) {
+    let settings: T = typed(value)?;
+    let again = serde_json::to_value(&settings).map_err(|error| SettingsError::Parse(reason(&error)))?;
+    if let Some(place) = list_for_object(value, &again) {
         return Err(SettingsError::Parse(format!("`{place}`: found a list, expected an object")));
     }
     settings.validate()?;
     Ok(settings)
+}
+
+/// Parses settings from JSON without validating their values.
+///
+/// # Errors
+/// [`SettingsError::Parse`], with the key whose value has a wrong type.
+pub(crate) fn typed<T: DeserializeOwned>(value: &Value) -> Result<T, SettingsError> {
+    T::deserialize(value).map_err(|error| {
+        let reason = reason(&error);
+        let key = reason.starts_with("found ").then(|| mistyped::<T>(value)).flatten();
+        SettingsError::Parse(key.map_or_else(|| reason.clone(), |key| format!("`{key}`: {reason}")))
+    })
+}
+
+/// The first key whose value has a wrong type. `None` if there is none.
+fn mistyped<T: DeserializeOwned>(value: &Value) -> Option<&str> {
+    // The values are read in turn, before the absence of keys is noticed.
+    let mut settings = Map::new();
+    let is_wrong = |(key, value): &(&String, &Value)| {
+        settings.insert((*key).clone(), (*value).clone());
+        T::deserialize(Value::Object(settings.clone())).is_err_and(|error| reason(&error).starts_with("found "))
+    };
+    value.as_object()?.iter().find(is_wrong).map(|(key, _)| key.as_str())
 }
 
 /// Checks that a value lies in a range.
@@ -80,9 +103,36 @@ pub fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Resu
 
 #[cfg(test)]
 mod tests {
+    use serde::Deserialize;
     use serde_json::json;
 
     use super::*;
+
+    #[derive(Debug, Default, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct Config {
+        _fading: f64,
+        _count: usize,
+    }
+
+    #[derive(Debug, Deserialize)]
+    struct Stored {
+        _degree: usize,
+        _center_m: [f64; 2],
+    }
+
+    #[test]
+    fn robust_a_value_of_a_wrong_type_is_named() {
+        let config = |value: Value| typed::<Config>(&value).unwrap_err().to_string();
+        assert_eq!(config(json!({"_count": 2, "_fading": "x"})), "`_fading`: found \"x\", expected a number");
+        assert_eq!(config(json!({"_count": -1})), "`_count`: found -1, expected a whole number of 0 or more");
+        assert_eq!(config(json!({"_cuont": 1})), "unknown field `_cuont`, expected `_fading` or `_count`");
+        assert_eq!(config(json!(3)), "found 3, expected an object");
+        let stored = |value: Value| typed::<Stored>(&value).unwrap_err().to_string();
+        let wrong = json!({"_degree": 2, "_center_m": [1]});
+        assert_eq!(stored(wrong), "`_center_m`: found a list of 1, expected a list of 2");
+        assert_eq!(stored(json!({"_degree": 2})), "missing field `_center_m`");
+    }
 
     #[test]
     fn verif_absent_keys_take_their_defaults_at_any_depth() {

@@ -62,6 +62,16 @@ pub struct Invalid {
 }
 
 impl Whisker {
+    /// The first parameter in which this whisker differs from an expected one, with both values, for error messages. `None` if they are
+    /// equal.
+    pub fn difference(&self, expected: &Self) -> Option<String> {
+        let [found, expected] =
+            [self, expected].map(|whisker| serde_json::to_value(whisker).expect("numbers and names"));
+        let parameters = found.as_object().expect("a struct").iter();
+        let mut other = parameters.filter(|(key, value)| expected[key.as_str()] != **value);
+        other.next().map(|(key, value)| format!("{key}: found {value}, expected {}", expected[key.as_str()]))
+    }
+
     /// Checks that the parameters describe a whisker.
     ///
     /// # Errors
@@ -123,5 +133,20 @@ impl Whisker {
     /// The undeflected centre line.
     pub fn rest_shape(&self) -> RestShape {
         RestShape::new(&self.curvature)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_first_different_parameter_is_named() {
+        let straight = Whisker::straight();
+        assert_eq!(straight.difference(&straight), None);
+        let name = "name: found \"curved\", expected \"straight\"";
+        assert_eq!(Whisker::curved().difference(&straight).as_deref(), Some(name));
+        let longer = Whisker { length_m: 0.09, ..straight.clone() };
+        assert_eq!(longer.difference(&straight).as_deref(), Some("length_m: found 0.09, expected 0.08"));
     }
 }

@@ -7,15 +7,14 @@ use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use signal::LONGEST_GAP_S;
-use trace::{FARTHEST_M, ObjectClass, Role, is_plain_name};
+use trace::{FARTHEST_M, ObjectClass, RATES_HZ, Role, is_plain_name};
 use whisker::Whisker;
 use whisker::frames::Pose;
 use whisker::sensor::Face;
 
 use super::units::{Angle, Length, Reading, Time, Unit};
 
-/// Bounds of the sampling rate, as in traces, and of the gaps that are interpolated.
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
+/// Longest gap that is interpolated.
 const MOST_GAP_S: f64 = 60.0;
 
 /// Largest magnitude of an angle.

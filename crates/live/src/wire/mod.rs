@@ -8,7 +8,7 @@ use std::fmt;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use strict_json::{parse_json, shown};
+use strict_json::{parse_json, reason, shown};
 use testbed::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine, SpatialAnswerLine};
 use whisker::Whisker;
 use whisker::frames::{Base, Pose, World};
@@ -206,11 +206,10 @@ fn strict<T: DeserializeOwned + Serialize>(line: &str) -> Result<T, BadLine> {
             let reason = format!("found `{}`, expected a finite number", shown(number));
             return BadLine { column, reason, is_not_finite: true };
         }
-        let text = error.to_string();
-        let reason = text.split(" at line ").next().unwrap_or(&text);
-        let expected =
-            "expected a JSON object with t_s and a reading or a pose, or the first line of a whisker (docs/LIVE.md)";
-        BadLine { column, reason: format!("{}, {expected}", shown(reason)), is_not_finite: false }
+        let reason = reason(&error);
+        let message = "messages are JSON objects with t_s and a reading or a pose, or the first line of a whisker \
+            (docs/LIVE.md)";
+        BadLine { column, reason: format!("{}; {message}", shown(&reason)), is_not_finite: false }
     })
 }
 
@@ -267,9 +266,10 @@ mod tests {
 
     #[test]
     fn robust_lines_that_are_no_messages_are_refused() {
-        assert!(bad("nonsense").starts_with("column 2: expected ident, expected a JSON object"), "{}", bad("nonsense"));
-        assert!(bad("").contains("expected a JSON object"));
-        assert!(bad("[1, 2]").contains("expected a JSON object"));
+        let nonsense = bad("nonsense");
+        assert!(nonsense.starts_with("column 2: expected a JSON value; messages are JSON objects"), "{nonsense}");
+        assert!(bad("").contains("messages are JSON objects"));
+        assert!(bad("[1, 2]").contains("messages are JSON objects"));
         assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
         assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
         assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));

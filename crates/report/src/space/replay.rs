@@ -9,6 +9,7 @@ use serde::Serialize;
 use testbed::results::RECOMMENDED;
 use testbed::space::solid::Solid;
 use testbed::space::{SpatialEstimateRow, SpatialWire};
+use testbed::statistics::CHI2_3_95;
 
 use super::Data;
 use crate::replay::{Whole, micrometres, player};
@@ -22,10 +23,6 @@ const WIRE_POINTS: usize = 24;
 
 /// Number of estimators of a trial: the recommended one, and the most accurate ones.
 const ESTIMATORS: usize = 4;
-
-/// Square of the semi-axes of the ellipsoid that contains 95 % of a normal distribution in space, in standard deviations: that
-/// quantile of the chi-squared distribution with three degrees of freedom.
-const CHI2_95: f64 = 7.814_727_903_251_178;
 
 /// A point in World, in micrometres.
 type Spot = [Whole; 3];
@@ -128,8 +125,9 @@ impl Replayed {
     }
 }
 
+/// Covariance of which the ellipsoid of one standard deviation contains the contact with a probability of 95 %.
 fn spread(covariance_m2: Matrix3<f64>) -> [Whole; 6] {
-    let of = covariance_m2 * CHI2_95;
+    let of = covariance_m2 * CHI2_3_95;
     [of.m11, of.m12, of.m13, of.m22, of.m23, of.m33].map(|value_m2| (1e12 * value_m2).round() as Whole)
 }
 

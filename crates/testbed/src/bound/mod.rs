@@ -35,9 +35,9 @@ use whisker::sensor::CalibratedFace;
 use crate::contact_events::CHATTER_S;
 use deviations::{Joint, JointReading, size_variance};
 
-/// Prior standard deviation of the contact's distance from the undeflected whisker at the touch. The first reading
-/// reduces it about tenfold.
-const START_AWAY_SD_M: f64 = 1e-3;
+/// Prior standard deviation of the contact's distance from the undeflected whisker at the touch, in space in either direction
+/// across it. The first reading reduces it about tenfold.
+pub(crate) const START_AWAY_SD_M: f64 = 1e-3;
 
 /// Length of the window of [`Window`]: long enough for information in more than one direction, short enough to resolve
 /// its changes.

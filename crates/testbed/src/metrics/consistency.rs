@@ -2,10 +2,7 @@
 //! [`crate::consistency`] tests the averages over trials.
 
 use super::{Contact, Metric, Scored, Summary};
-use crate::statistics::{effective_samples, mean};
-
-/// 95 % quantile of the chi-square distribution with two degrees of freedom.
-pub const CHI2_95: f64 = 5.991_464_547_107_979;
+use crate::statistics::{CHI2_2_95, effective_samples, mean};
 
 /// Expectation of the NEES if the stated covariances are correct.
 const EXPECTED_NEES: f64 = 2.0;
@@ -41,7 +38,7 @@ pub const COVERAGE: Metric = Metric {
     name: "coverage_95",
     about: "fraction of the stated 95 % ellipses that contain the true contact",
     summary: Summary::Mean,
-    measure: |scored| mean(errors_squared(scored).map(|nees| f64::from(nees <= CHI2_95))),
+    measure: |scored| mean(errors_squared(scored).map(|nees| f64::from(nees <= CHI2_2_95))),
 };
 
 /// Stated error.

@@ -43,10 +43,10 @@ impl Trial<'_> {
         surface_points(&self.trace.recording, self.knowledge, self.readings_n_m, &replay.estimates)
     }
 
-    /// Whether a true contact, which Base sees at `seen`, lies in the calibrated domain and not at the tip.
-    fn is_calibrated(&self, seen: Point<Base>, truth: &TruthInstant) -> bool {
+    /// Whether a true contact, at `at` in Base, lies in the calibrated domain and not at the tip.
+    fn is_calibrated(&self, at: Point<Base>, truth: &TruthInstant) -> bool {
         let face = self.knowledge.face(self.trace.sidecar.face);
-        truth.tip != Some(true) && face.is_some_and(|face| face.domain.contains(face.along_and_away(seen)))
+        truth.tip != Some(true) && face.is_some_and(|face| face.domain.contains(face.along_and_away(at)))
     }
 
     /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].

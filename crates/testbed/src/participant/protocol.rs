@@ -5,6 +5,7 @@ use nalgebra::{Matrix1, Matrix2, Matrix3, Vector1};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use strict_json::{one_line, shown};
+use trace::FARTHEST_M;
 use whisker::estimators::{BaseNoise, ContactPrior, Estimate, Knowledge, Sample};
 use whisker::frames::{Base, Point, Pose, Start};
 use whisker::sensor::{AlongAway, CalibratedFace, Domain, Face};
@@ -21,9 +22,6 @@ const REST_POINTS: usize = 101;
 
 /// Mask for seeds: the largest integer that is exactly representable as a double-precision number.
 pub(super) const SEED_MASK: u64 = (1 << 53) - 1;
-
-/// Largest magnitude of coordinates and standard deviations in an answer.
-pub(super) const FARTHEST_M: f64 = 1e3;
 
 /// Maximum number of characters of an invalid answer that are quoted.
 const QUOTED: usize = 120;

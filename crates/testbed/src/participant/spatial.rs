@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use trace::StatedSuspension;
+use trace::{FARTHEST_M, StatedSuspension};
 use whisker::Whisker;
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Start};
@@ -14,7 +14,7 @@ use whisker::space::frames::{Point, Pose};
 use whisker::space::sensor::{Around, CalibratedSpace, SpatialDomain};
 
 use super::program::{Conversation, Program};
-use super::protocol::{FARTHEST_M, RestLine, SEED_MASK, answer, evenly};
+use super::protocol::{RestLine, SEED_MASK, answer, evenly};
 use crate::space::replay::SpatialReplay;
 
 /// Version of the protocol for trials in space, sent in the first line.

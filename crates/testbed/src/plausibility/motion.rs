@@ -10,9 +10,9 @@ use super::{Finding, Subject, quantile};
 
 /// Largest relative deviation of the twist from the finite differences, root mean square, and the deviations below
 /// which it is not compared: rounding and vibration.
-const TOLERANCE: f64 = 0.2;
-const LEAST_SPEED_M_S: f64 = 1e-3;
-const LEAST_RATE_RAD_S: f64 = 0.01;
+pub(super) const TOLERANCE: f64 = 0.2;
+pub(super) const LEAST_SPEED_M_S: f64 = 1e-3;
+pub(super) const LEAST_RATE_RAD_S: f64 = 0.01;
 
 /// Degrees per radian.
 const DEGREES: f64 = 180.0 / PI;

@@ -3,16 +3,11 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use trace::{SpatialInstant, SpatialTrace};
 
+use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE};
 use super::{Finding, median};
 
 /// Relative tolerance of the time step.
 const RATE: f64 = 0.02;
-
-/// Largest relative deviation of the twist from the finite differences, root mean square, and the speeds below which it
-/// is not compared.
-const TWIST: f64 = 0.2;
-const LEAST_SPEED_M_S: f64 = 1e-3;
-const LEAST_RATE_RAD_S: f64 = 0.01;
 
 /// Largest deviation of the moment from stiffness times rotation, relative to the largest moment.
 const ROTATION: f64 = 0.01;
@@ -68,7 +63,7 @@ fn velocity(trace: &SpatialTrace) -> Option<Finding> {
     .map(|deviation| Finding {
         place: "base_vx_m_s, base_vy_m_s, base_vz_m_s",
         found: format!("a deviation of {:.0} % from the positions", 100.0 * deviation),
-        expected: format!("at most {:.0} %", 100.0 * TWIST),
+        expected: format!("at most {:.0} %", 100.0 * TOLERANCE),
         looks_like: "the velocity is in another unit, or not in the frame Base".into(),
     })
 }
@@ -82,7 +77,7 @@ fn angular(trace: &SpatialTrace) -> Option<Finding> {
     .map(|deviation| Finding {
         place: "base_wx_rad_s, base_wy_rad_s, base_wz_rad_s",
         found: format!("a deviation of {:.0} % from the quaternions", 100.0 * deviation),
-        expected: format!("at most {:.0} %", 100.0 * TWIST),
+        expected: format!("at most {:.0} %", 100.0 * TOLERANCE),
         looks_like: "the angular velocity is in another unit or frame, or the quaternions are inverted or not in the order w, x, y, z"
             .into(),
     })
@@ -103,7 +98,7 @@ fn compared(
         count += 1.0;
     }
     let is_moving = size > count * least * least;
-    (is_moving && apart > TWIST * TWIST * size).then(|| (apart / size).sqrt())
+    (is_moving && apart > TOLERANCE * TOLERANCE * size).then(|| (apart / size).sqrt())
 }
 
 /// Compares the components of the moment along the axes of the springs, which the earlier angles of the series have

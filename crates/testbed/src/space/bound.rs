@@ -29,9 +29,7 @@ use whisker::space::sensor::CalibratedSpace;
 
 use super::object::{TrueObject, TrueRod, TrueSphere};
 use super::to_base;
-
-/// Prior standard deviation of the contact's displacement across the whisker at the touch.
-const START_AWAY_SD_M: f64 = 1e-3;
+use crate::bound::START_AWAY_SD_M;
 
 /// Prior standard deviation of the rod's direction about the normal at the touch: that of a uniform distribution on a half circle.
 const DIRECTION_SD_RAD: f64 = 0.907;

@@ -99,8 +99,13 @@ fn fit_whisker(
     let first = &traces[0].sidecar;
     let whisker = first.spatial_whisker();
     if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
-        let (other, name) = (&other.sidecar.name, &whisker.whisker.name);
-        bail!("{other}: its whisker `{name}` has other parameters than that of {}", first.name);
+        let reference = format!("those of {}, whose whisker has the same name", first.name);
+        let different = other.sidecar.whisker.difference(&first.whisker);
+        let reason = different.map_or_else(
+            || format!("suspension, poisson_ratio: found other values than {reference}"),
+            |difference| format!("whisker.{difference}; the parameters must be {reference}"),
+        );
+        bail!("{}: {reason}", other.sidecar.name);
     }
     let mut digest = Digest::default();
     for trace in traces {

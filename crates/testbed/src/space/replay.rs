@@ -35,8 +35,11 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
 /// If the calibration cannot be read or is one of another whisker.
 pub fn calibrated(path: &Path, sidecar: &SpatialSidecar) -> anyhow::Result<Arc<CalibratedSpace>> {
     let calibration = SpatialCalibrationFile::read(path)?;
+    if let Some(difference) = calibration.whisker.difference(&sidecar.whisker) {
+        bail!("{}: whisker.{difference}, as in {}; fit a calibration to this whisker", path.display(), sidecar.name);
+    }
     if calibration.spatial_whisker() != sidecar.spatial_whisker() {
-        bail!("{}: whisker: found other parameters than those of {}", path.display(), sidecar.name);
+        bail!("{}: suspension, poisson_ratio: found other values than those of {}", path.display(), sidecar.name);
     }
     Ok(calibration.calibrated(path, None)?)
 }

@@ -100,7 +100,7 @@ fn has_failed(trial: &TrialRow) -> bool {
     trial.get(&error::RMSE).is_none_or(|error_m| error_m > FAILED_M)
 }
 
-/// Limits of any estimator: ids, the metric of the bound, and what the estimator knows.
+/// Limits of any estimator: ids, the metric of the bound, and the prior information of the estimator.
 const LIMITS: [(&str, Metric, &str); 3] = [
     ("bound", bound::RMSE, "with known shape and calibration"),
     ("deviating_bound", bound::DEVIATING_RMSE, "with known shape and unknown deviations"),

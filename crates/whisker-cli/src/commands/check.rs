@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use files::read_json;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
@@ -12,8 +12,8 @@ use testbed::plausibility::{Subject, spatial_findings};
 use testbed::results::files::run_file;
 use testbed::results::{Run, read_rows};
 use trace::{
-    ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCertificate, SpatialTrace, Suite,
-    Trace, is_spatial,
+    ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
+    SpatialCertificate, SpatialTrace, Suite, Trace, is_spatial,
 };
 
 use super::{print, python};
@@ -88,6 +88,15 @@ fn check(path: &Path) -> anyhow::Result<String> {
     match value.get("kind").and_then(Value::as_str) {
         Some("trace") => check_trace(path),
         Some("recording") => check_recording(path),
+        Some("calibration") if is_spatial(path)? => {
+            let calibration = SpatialCalibrationFile::read(path)?;
+            let model = calibration.model(None).with_context(|| format!("{}: chosen", path.display()))?;
+            let share = 100.0 * model.heldout_rms_n_m / calibration.largest_reading_n_m;
+            let (whisker, label) = (&calibration.whisker.name, &model.label);
+            Ok(format!(
+                "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading"
+            ))
+        }
         Some("calibration") => {
             let calibration = CalibrationFile::read(path)?;
             let faces: Vec<String> = calibration
@@ -127,10 +136,15 @@ fn check(path: &Path) -> anyhow::Result<String> {
             check_scene(path)?;
             Ok(format!("random suite `{}` of {sets} sets", suite.name))
         }
-        None => {
+        None if value.get("whisker").is_some() => {
             check_scene(path)?;
             Ok("scene".into())
         }
+        None => bail!(
+            "{}: found none of the keys kind, scenes, random and whisker, expected a trace, recording, calibration, run, suite or \
+            scene",
+            path.display()
+        ),
     }
 }
 

@@ -12,7 +12,6 @@ use files::read_json;
 use platform::interrupt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use strict_json::parse_json;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
 use testbed::evaluate::{EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
@@ -25,10 +24,10 @@ use testbed::results::{FailureRow, SummaryRow};
 use trace::Miscalibration;
 use whisker::events::{FORMER_NAMES, TouchConfig};
 
-use super::output::{check_apart, lies_in, reserve};
+use super::output::{check_apart, lies_in, reserve_folder};
 use super::progress::Progress;
 use super::space::{Evaluation, evaluate_in_space};
-use super::{FINISHED_WITH_FAILURES, front_end, noise_fraction, print, table};
+use super::{FINISHED_WITH_FAILURES, front_end, json, noise_fraction, print, table};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
@@ -125,7 +124,7 @@ pub(super) struct Arguments {
     /// Deviations of sensor, whisker and mounting from the calibration: '{"gain": 0.01, "mount_rad": 0.008}', or '{}'
     /// for none; keys are gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s; may be
     /// repeated [default: those that each trace states]
-    #[arg(long, value_name = "JSON", value_parser = miscalibration)]
+    #[arg(long, value_name = "JSON", value_parser = json::<Miscalibration>)]
     miscalibrate: Vec<Miscalibration>,
     /// Number of noise seeds per trial, at most a million [default: 5; 1 if neither readings nor encoders are noisy]
     #[arg(long, value_parser = seeds)]
@@ -135,7 +134,7 @@ pub(super) struct Arguments {
     starts: Starts,
     /// Joint encoders of an arm: '{"resolution_rad": 1e-5, "noise_rad": 1e-4}', or '{}' for perfect ones; may be
     /// repeated; applies to recordings with an arm [default: perfect]
-    #[arg(long, value_name = "JSON", value_parser = encoders)]
+    #[arg(long, value_name = "JSON", value_parser = json::<Encoders>)]
     encoders: Vec<Encoders>,
     /// Name of the run [default: name of the suite or folder; several are joined by +]
     #[arg(long)]
@@ -223,7 +222,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         print(&format!("share {share} done\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
-    let _lock = reserve(&folder, &inputs)?;
+    let _lock = reserve_folder(&folder, &inputs)?;
     let is_there = folder.join("run.json").is_file();
     let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
     drop(progress);
@@ -249,22 +248,21 @@ fn in_space(
         Some([noise]) => *noise,
         Some(levels) => bail!("--noise: found {} levels, expected one for traces in space", levels.len()),
     };
-    let has_options = !arguments.miscalibrate.is_empty()
-        || !arguments.encoders.is_empty()
-        || arguments.share.is_some()
-        || arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))
-        || matches!(arguments.starts, Starts::Wrong)
-        || front_end.row.name != FRONT_ENDS[0].name;
-    if has_options {
-        bail!(
-            "--miscalibrate, --encoders, --share, --starts, --noise-unit, --front-end: do not apply to traces in space, which \
-            are evaluated with white noise relative to each set"
-        );
+    let options = [
+        ("--miscalibrate", !arguments.miscalibrate.is_empty()),
+        ("--encoders", !arguments.encoders.is_empty()),
+        ("--share", arguments.share.is_some()),
+        ("--noise-unit", arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))),
+        ("--starts", matches!(arguments.starts, Starts::Wrong)),
+        ("--front-end", front_end.row.name != FRONT_ENDS[0].name),
+    ];
+    if let Some((option, _)) = options.into_iter().find(|(_, is_given)| *is_given) {
+        bail!("{option}: does not apply to traces in space, which are evaluated with white noise relative to each set");
     }
     let folder = arguments.results.join(arguments.name.as_ref().unwrap_or(&dataset.name));
     let inputs = inputs(arguments, datasets);
     check_apart(&folder, &inputs)?;
-    let _lock = reserve(&folder, &inputs)?;
+    let _lock = reserve_folder(&folder, &inputs)?;
     let evaluation = Evaluation {
         estimators: arguments.estimators.clone(),
         config,
@@ -357,16 +355,6 @@ fn about(duration: Duration) -> String {
         seconds if seconds < 5400.0 => format!("about {:.0} min", seconds / 60.0),
         seconds => format!("about {:.1} h", seconds / 3600.0),
     }
-}
-
-/// Parses joint encoders.
-fn encoders(text: &str) -> Result<Encoders, String> {
-    parse_json(text.as_bytes()).map_err(|error| error.to_string())
-}
-
-/// Parses deviations from the calibration.
-fn miscalibration(text: &str) -> Result<Miscalibration, String> {
-    parse_json(text.as_bytes()).map_err(|error| error.to_string())
 }
 
 /// Parses a number of seeds.

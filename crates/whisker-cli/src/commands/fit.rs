@@ -14,10 +14,10 @@ use testbed::space::fit::SpatialFitSettings;
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face};
 
-use super::output::{lies_in, reserve};
+use super::output::{check_is_folder, lies_in, reserve};
 use super::progress::Progress;
 use super::space::fit_in_space;
-use super::{front_end, json, noise_fraction, print, table};
+use super::{front_end, json, noise_fraction, print, seed, table};
 
 /// Argument of `--model` that selects the model by cross-validation.
 const AUTO: &str = "auto";
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     #[arg(long, default_value = AUTO)]
     model: String,
     /// Settings of the model as JSON, for example '{"degree": 7}'
-    #[arg(long, value_parser = json)]
+    #[arg(long, value_parser = json::<Value>)]
     config: Option<Value>,
     #[command(flatten)]
     front_end: front_end::Arguments,
@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
     /// Seed of the measurement noise and of the front end
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
 }
 
@@ -77,6 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         sensors: arguments.sensors.clone(),
     };
     let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
+    check_is_folder(&out)?;
     // The calibrations lie beside the traces, in a folder of their own.
     let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
     let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
@@ -136,6 +137,7 @@ fn in_space(
     let noise = arguments.noise.unwrap_or(front_end.row.noise);
     let settings = SpatialFitSettings { models, noise, seed: arguments.seed };
     let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
+    check_is_folder(&out)?;
     let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
     let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
     let _lock = reserve(&out, &inputs)?;

@@ -12,7 +12,7 @@ use importers::{IMPORTERS, importer};
 use testbed::plausibility::Subject;
 use trace::{Role, Trace};
 
-use super::output::reserve;
+use super::output::reserve_folder;
 use super::progress::Progress;
 use super::{FINISHED_WITH_FAILURES, print, table};
 
@@ -47,7 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         format!("unknown format `{format}`, expected one of: {}", known.join(", "))
     })?;
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(row.name));
-    let _lock = reserve(&out, slice::from_ref(path))?;
+    let _lock = reserve_folder(&out, slice::from_ref(path))?;
     let progress = Progress::of("importing");
     let imported = (row.import)(path, &|done, all| {
         progress.set_length(all);

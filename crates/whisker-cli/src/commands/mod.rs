@@ -26,9 +26,10 @@ mod table;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use serde_json::Value;
-use strict_json::parse_json;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use strict_json::{parse_json, reason};
 use trace::MOST_NOISE;
 
 /// Physics testbed for whisker contact localisation.
@@ -61,7 +62,8 @@ enum Command {
 /// # Errors
 /// If the command fails.
 pub fn run() -> anyhow::Result<ExitCode> {
-    match Arguments::parse().command {
+    let matches = with_negative_numbers(Arguments::command()).get_matches();
+    match Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()).command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
@@ -76,6 +78,16 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Bag(arguments) => bag::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
     }
+}
+
+/// The command with negative numbers as values of its options, whose errors state the permitted range. By default such a number is an
+/// unknown option.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let permitted = |argument: clap::Arg| {
+        let has_value = argument.get_action().takes_values();
+        argument.allow_negative_numbers(has_value)
+    };
+    command.mut_args(permitted).mut_subcommands(with_negative_numbers)
 }
 
 /// Exit code of a batch in which some items failed.
@@ -105,7 +117,15 @@ fn noise_fraction(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Parses a JSON value.
-fn json(text: &str) -> Result<Value, String> {
-    parse_json(text.as_bytes()).map_err(|error| format!("not JSON: {error}"))
+/// Parses a seed.
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("expected a whole number, 0 to {}", u64::MAX))
+}
+
+/// Parses a value from JSON.
+fn json<T: DeserializeOwned + Serialize>(text: &str) -> Result<T, String> {
+    parse_json(text.as_bytes()).map_err(|error| match error.column() {
+        0 => reason(&error),
+        column => format!("column {column}: {}", reason(&error)),
+    })
 }

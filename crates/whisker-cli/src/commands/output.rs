@@ -27,11 +27,32 @@ pub(super) fn reserve(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<OutputLo
     Ok(OutputLock::take(out, |holder| eprintln!("{}: waiting for {holder}, which writes it", out.display()))?)
 }
 
+/// Exclusive access to an output folder, as [`reserve`].
+///
+/// # Errors
+/// Those of [`reserve`], and if the output is a file.
+pub(super) fn reserve_folder(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<OutputLock> {
+    check_is_folder(out)?;
+    reserve(out, inputs)
+}
+
+/// Checks that neither an output folder nor a folder above it is a file.
+///
+/// # Errors
+/// If one is, with its path.
+pub(super) fn check_is_folder(out: &Path) -> anyhow::Result<()> {
+    if let Some(file) = out.ancestors().find(|folder| folder.is_file()) {
+        bail!("{}: is a file, expected a folder for the output", file.display());
+    }
+    Ok(())
+}
+
 /// Checks that an output is none of the inputs and lies in none of them, also through links and `..`.
 ///
 /// # Errors
-/// If it is or does, with both paths.
+/// If it is or does, with both paths, or if it lies in a file.
 pub(super) fn check_apart(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<()> {
+    out.parent().map_or(Ok(()), check_is_folder)?;
     for input in inputs {
         if lies_in(out, input)? {
             let place = if lies_in(input, out)? { "is" } else { "lies in" };

@@ -17,7 +17,7 @@ use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass}
 use whisker::events::TouchConfig;
 use whisker::space::estimators::SpatialEstimatorRow;
 
-use super::{front_end, json, noise_fraction};
+use super::{front_end, json, noise_fraction, seed};
 
 /// Options of the estimator and of its input.
 // Without its own group: the command that flattens these has a group of the same name.
@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
     /// Seed of the measurement noise and of the front end
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     pub(super) seed: u64,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct MethodArguments {
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
-    #[arg(long, default_value = "{}", value_parser = json)]
+    #[arg(long, default_value = "{}", value_parser = json::<Value>)]
     config: Value,
 }
 

@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::slice;
 
 use recorded::benchmark::{FaceScore, MapScore, PAPER, PinSummary, SweepScore, run as evaluate};
 
+use super::output::reserve_folder;
 use super::{FINISHED_WITH_FAILURES, print, table};
 
 /// Evaluate sensor models and estimators in space on recordings of HaoLiRobo/WhiskerSensing
@@ -21,6 +23,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let _lock = reserve_folder(&arguments.out, slice::from_ref(&arguments.folder))?;
     let found = evaluate(&arguments.folder, &arguments.out, &|name| eprintln!("{name}"))?;
     let map = |row: &MapScore| {
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);

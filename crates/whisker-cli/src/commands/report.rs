@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use files::remove_temporary;
 use report::{report, take_animations};
 
-use super::output::reserve;
+use super::output::reserve_folder;
 use super::print;
 use super::progress::Progress;
 
@@ -25,7 +25,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.run.is_dir() {
         bail!("{}: no such run; make it by `whisker evaluate`", arguments.run.display());
     }
-    let _lock = reserve(&arguments.run, &[])?;
+    let _lock = reserve_folder(&arguments.run, &[])?;
     let figures = arguments.run.join("figures");
     if figures.is_dir() {
         remove_temporary(&figures).with_context(|| figures.display().to_string())?;

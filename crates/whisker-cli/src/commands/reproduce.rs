@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use files::write_atomically;
 use report::report;
 
-use super::output::reserve;
+use super::output::reserve_folder;
 use super::print;
 use super::progress::Progress;
 use super::table::render;
@@ -36,7 +36,7 @@ fn set_of(name: &str) -> Result<&'static ClaimSet, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let _lock = reserve(&arguments.out, &[])?;
+    let _lock = reserve_folder(&arguments.out, &[])?;
     let context = Context::open(arguments.set, &arguments.results)?;
     let table = arguments.out.join("claims.csv");
     let progress = Progress::of("measuring");

@@ -155,8 +155,8 @@ impl Placed<'_> {
         (middle - 0.5 * width, middle + 0.5 * width)
     }
 
-    /// The support of one part, extrapolated beyond its ends by a circle of the radius there, so that an iteration sees
-    /// no jump.
+    /// The support of one part, extrapolated beyond its ends by a circle of the radius there, so that it is
+    /// continuous for an iteration.
     fn support_between(&self, index: usize, normal_rad: f64) -> (Vector2<f64>, f64) {
         let (low, high) = self.range_rad(index, normal_rad);
         // Slightly inside: at the very end the outline chooses which end of the flat it returns.

@@ -34,6 +34,7 @@ use super::physical::{INFORMED_SHARE, SETTINGS, check_sds, check_settled, moved,
 use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::Whisker;
 use crate::frames::{Base, Point, Pose};
+use crate::settings::typed;
 
 pub(super) const KIND: &str = "elastica";
 
@@ -298,7 +299,7 @@ fn check_response(response: usize) -> Result<(), ModelError> {
 }
 
 pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
-    let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let config: Config = typed(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(config.response)?;
     if samples.len() <= COUNT {
         let found = samples.len();
@@ -469,7 +470,7 @@ impl Prior {
 
 pub(super) fn load(region: &Region<'_>, value: &Value) -> Loaded {
     let Stored { response, parameters: stated, .. } =
-        Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+        typed::<Stored>(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_response(response)?;
     let stored = stated.iter().map(|parameter| (parameter.name.as_str(), parameter.value));
     let parameters = Parameters(read(&NAMES, POSITIVE, stored)?);

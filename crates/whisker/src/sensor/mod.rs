@@ -30,6 +30,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde_json::Value;
 
 use crate::frames::{Base, Point};
+use crate::settings::SettingsError;
 use crate::{RestShape, Whisker};
 
 pub use crate::face::Face;
@@ -75,7 +76,7 @@ pub enum ModelError {
         /// Name of the model.
         kind: &'static str,
         /// Error of the parser.
-        reason: serde_json::Error,
+        reason: SettingsError,
     },
     /// The data do not determine the model.
     #[error("{0}")]

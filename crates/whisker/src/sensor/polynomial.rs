@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::regression::Triangle;
 use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::frames::{Base, Point};
+use crate::settings::typed;
 
 pub(super) const KIND: &str = "polynomial";
 
@@ -233,12 +234,12 @@ pub(super) fn candidates() -> Vec<Value> {
 }
 
 pub(super) fn fit(_: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
-    let config = PolynomialConfig::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let config: PolynomialConfig = typed(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     Polynomial::fit(samples, config.degree)
 }
 
 pub(super) fn load(_: &Region<'_>, value: &Value) -> Loaded {
-    let model = Polynomial::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let model: Polynomial = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(model.degree)?;
     let expected = terms(model.degree);
     let found = model.coefficients_n_m.len();

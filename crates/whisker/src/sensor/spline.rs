@@ -17,6 +17,7 @@ use super::polar::Frame;
 use super::regression::{Estimate, Triangle};
 use super::{FittedModel, Loaded, ModelError, Prediction, Region, Sample, SensorModel};
 use crate::frames::{Base, Point};
+use crate::settings::typed;
 
 pub(super) const KIND: &str = "spline";
 
@@ -233,7 +234,7 @@ fn frame(region: &Region<'_>) -> Result<Frame, ModelError> {
 }
 
 pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Result<FittedModel, ModelError> {
-    let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let config: Config = typed(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     let intervals = [config.along, config.away];
     check(intervals)?;
     let frame = frame(region)?;
@@ -258,7 +259,7 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
 }
 
 pub(super) fn load(region: &Region<'_>, value: &Value) -> Loaded {
-    let stored = Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let stored: Stored = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check(stored.intervals)?;
     let (found, expected) = (stored.coefficients_n_m.len(), count(stored.intervals));
     if found != expected {

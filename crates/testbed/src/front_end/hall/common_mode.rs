@@ -40,7 +40,7 @@ fn average(counts: &[Counts]) -> Counts {
 }
 
 /// Least-squares fit of `own = rest + influence . reference`. Returns zero unless the influence is significant at level
-/// [`MOST_CHANCE`], since noise would be fitted to noise if the reference sees no change.
+/// [`MOST_CHANCE`], since noise would be fitted to noise if the field at the reference does not change.
 ///
 /// F-test: `F = ((S0 - S) / 2) / (S / (n - 3))` with the residual sums of squares `S0` without and `S` with the
 /// influence. With two numerator degrees of freedom, the p-value of `F` is `(1 + 2 F / (n - 3))^-((n - 3) / 2) = (S /

@@ -11,12 +11,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use live::wire::{self, BadLine, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
-use live::{Answer, Counters, Kind, LiveEstimator, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing};
+use live::{
+    Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing,
+};
 use serde_json::Value;
 use strict_json::one_line;
 use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use testbed::replay::method;
-use trace::{CalibrationFile, SpatialCalibrationFile, is_spatial};
+use trace::{CalibrationFile, RATES_HZ, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
@@ -36,12 +38,6 @@ const NAP: Duration = Duration::from_millis(50);
 
 /// Longest wait of a whisker without a waiting reading.
 const IDLE: Duration = Duration::from_secs(1);
-
-/// Smallest and largest sampling rate (Hz).
-const RATES_HZ: [f64; 2] = [1e-3, 1e6];
-
-/// Largest standard deviation of the noise.
-const MOST_NOISE_N_M: f64 = 1e6;
 
 /// A line and its arrival.
 struct Arrival {
@@ -316,9 +312,12 @@ where
     }
 
     fn unknown(&self, name: Option<&str>) -> String {
-        let known: Vec<_> = self.whiskers.iter().map(|whisker| whisker.name.as_deref().unwrap_or("none")).collect();
+        let known: Vec<_> = self.whiskers.iter().filter_map(|whisker| whisker.name.as_deref()).collect();
         let found = name.map_or_else(|| "no name".into(), |name| format!("the name `{}`", one_line(name)));
-        format!("found {found}, expected one of those of --calibration: {}", known.join(", "))
+        match known.as_slice() {
+            [] => format!("found {found}, expected no name, as in --calibration"),
+            known => format!("found {found}, expected one of those of --calibration: {}", known.join(", ")),
+        }
     }
 
     /// Begins the estimation of a whisker.
@@ -388,8 +387,8 @@ impl Method for InPlane {
     ) -> anyhow::Result<LiveEstimator> {
         check_prior((prior.protocol, PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
         let whisker = &calibration.whisker;
-        if prior.whisker.as_ref().is_some_and(|stated| stated != whisker) {
-            bail!("whisker: found other parameters than those of {}, expected the same", path.display());
+        if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
+            bail!("whisker.{difference}, as in {}", path.display());
         }
         let expected = |key: &str, expected: String| anyhow::anyhow!("{key}: found other numbers, expected {expected}");
         let base_noise = prior.base_noise.map(|of| of.base_noise().map_err(|form| expected("base_noise", form)));

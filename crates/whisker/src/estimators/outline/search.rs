@@ -312,7 +312,7 @@ impl Search {
             .map_or_else(|| Stage::Length(Length::new(0, true)), |way| Stage::Descent(Box::new(way), Tally::default()))
     }
 
-    /// Continues a way by the evaluation that it wants.
+    /// Continues a way by the evaluation that its descent needs next.
     fn descend(&mut self, side: &Side, mut way: Box<Way>, mut tally: Tally, most: usize) -> Worked {
         let evidence = self.evidence(side, way.prior);
         let solution_work = solution_work(self.best.0.size());

@@ -14,6 +14,7 @@ use super::{FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, 
 use crate::frames::Base;
 use crate::sensor::ModelError;
 use crate::sensor::regression::Triangle;
+use crate::settings::typed;
 use crate::space::frames::Point;
 
 pub(super) const KIND: &str = "polynomial";
@@ -153,8 +154,7 @@ pub(super) fn fit(
     lines: &[Vec<SpatialSample>],
     config: &Value,
 ) -> Result<FittedSpatialModel, ModelError> {
-    let Config { degree } =
-        Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let Config { degree } = typed::<Config>(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(degree)?;
     let all = lines.concat();
     let extreme = |axis: usize, pick: fn(f64, f64) -> f64, from: f64| {
@@ -182,7 +182,7 @@ pub(super) fn fit(
 }
 
 pub(super) fn load(_: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
-    let model = Polynomial::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let model: Polynomial = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(model.degree)?;
     let expected = count(model.degree);
     for coefficients in &model.coefficients_n_m {

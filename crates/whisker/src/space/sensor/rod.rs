@@ -35,6 +35,7 @@ use crate::frames::Base;
 use crate::rod::{Rod, SpatialLoad, Suspension};
 use crate::sensor::ModelError;
 use crate::sensor::physical::{INFORMED_SHARE, SETTINGS, check_sds, check_settled, moved, no_solution, read};
+use crate::settings::typed;
 use crate::space::frames::Point;
 use crate::{RestShape, Whisker};
 
@@ -405,7 +406,7 @@ pub(super) fn fit(
     lines: &[Vec<SpatialSample>],
     config: &Value,
 ) -> Result<FittedSpatialModel, ModelError> {
-    let config = Config::deserialize(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    let config: Config = typed(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     let samples = lines.concat();
     if 2 * samples.len() <= COUNT {
         let found = samples.len();
@@ -502,7 +503,7 @@ impl Linearised {
 
 pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
     let Stored { parameters: stated, .. } =
-        Stored::deserialize(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+        typed::<Stored>(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     let stored = stated.iter().map(|parameter| (parameter.name.as_str(), parameter.value));
     let parameters = Parameters(read(&NAMES, POSITIVE, stored)?);
     Ok(Box::new(RodModel::new(region, parameters, stated).ok_or_else(no_solution)?))

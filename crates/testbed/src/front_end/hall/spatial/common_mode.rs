@@ -45,7 +45,7 @@ fn average(counts: &[Counts]) -> Counts {
 }
 
 /// Least-squares fit of `own = rest + influence . reference` for each axis. The influence on an axis is zero unless it
-/// is significant, since noise would be fitted to noise if the reference sees no change.
+/// is significant, since noise would be fitted to noise if the field at the reference does not change.
 ///
 /// F-test: `F = ((S0 - S) / 3) / (S / (n - 4))` with the residual sums of squares `S0` without and `S` with influence.
 fn fit(stops: &[Counts]) -> Matrix3<f64> {
