@@ -689,10 +689,17 @@ impl AveragingTracker {
         }
     }
 
-    /// The innovation of the mean of `count` readings, for the test for a second contact at an estimate.
-    fn found(&self, count: f64, estimate: &Estimate) -> Option<Found> {
-        let variance_n2_m2 = self.noise_n2_m2 / count + self.face.model_variance_n2_m2(estimate.contact);
-        Some(Found { innovation: estimate.innovation?, count, variance_n2_m2 })
+    /// The innovations of the mean of `count` readings, for the test for a second contact at the estimate of the mixture.
+    fn found(&self, count: f64, estimates: &[Option<Estimate>], together: &Estimate) -> Option<Found> {
+        let known = self.trackers.iter().zip(self.right.probabilities()).zip(estimates);
+        let of_moving = known.filter(|((tracker, _), _)| tracker.assumes_motion());
+        let of_moving = of_moving.filter_map(|((_, share), estimate)| Some((estimate.as_ref()?.innovation?, *share)));
+        Some(Found {
+            mixture: together.innovation?,
+            moving: Innovation::of_mixture(of_moving),
+            count,
+            variance_n2_m2: self.noise_n2_m2 / count + self.face.model_variance_n2_m2(together.contact),
+        })
     }
 
     /// Whether a change of the readings at this estimate is evidence of a second contact: whether the contact is known, and neither a
@@ -720,11 +727,17 @@ impl AveragingTracker {
     }
 
     /// Advances the tests for a second contact. Returns whether the innovations raise the signal.
-    fn seek_second(&mut self, dt_s: f64, count: f64, together: Option<&Estimate>) -> bool {
+    fn seek_second(
+        &mut self,
+        dt_s: f64,
+        count: f64,
+        estimates: &[Option<Estimate>],
+        together: Option<&Estimate>,
+    ) -> bool {
         let largest_sd_m = |covariance_m2: Matrix2<f64>| covariance_m2.symmetric_eigenvalues().max().sqrt();
         let known = together.and_then(|estimate| Some((estimate.contact, estimate.covariance_m2.map(largest_sd_m)?)));
         let known = known.filter(|(_, sd_m)| sd_m.is_finite());
-        let found = together.and_then(|estimate| self.found(count, estimate));
+        let found = together.and_then(|together| self.found(count, estimates, together));
         let is_known = known.is_some_and(|(_, sd_m)| self.is_known(sd_m));
         let is_second = self.second.advance(&self.config.second, dt_s, found, is_known);
         let place = self.returned(dt_s, known);
@@ -813,7 +826,7 @@ impl AveragingTracker {
         }
         let model_doubtful = self.doubtful.is_raised() || self.moving.is_raised();
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
-        let is_second = self.seek_second(sample.dt_s, count, together.as_ref());
+        let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
         let second_contact = self.second.is_raised();
         if is_second && self.config.second.begins_touch {
             self.begin_again();
