@@ -737,6 +737,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         Model::OBJECT_MOVES
     }
 
+    fn assumes_friction(&self) -> bool {
+        Model::INDICES.friction.is_some()
+    }
+
     fn look_ahead(&self, sample: &Sample) -> Ahead {
         self.stated.map_or_else(Ahead::default, |belief| self.look_ahead_from(&belief, sample))
     }

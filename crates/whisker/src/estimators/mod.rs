@@ -291,6 +291,11 @@ pub trait Tracker: Send {
         false
     }
 
+    /// Whether the tracker assumes a contact with friction.
+    fn assumes_friction(&self) -> bool {
+        false
+    }
+
     /// Name of the method as which it follows the contact until it knows more, so that it may take the onset of this touch in blocks
     /// if that method takes single samples. Default: `None`.
     fn follows_as(&self) -> Option<&'static str> {

@@ -31,7 +31,7 @@ use serde_json::{Map, Value};
 
 use super::block::{BlockMean, BlockSettings, Blocks, Latecomers};
 use super::gaussian::{KEPT_SHARE, ONSET_WAY_M};
-use super::second::{Second, SecondSettings};
+use super::second::{Found, Second, SecondSettings};
 use super::shares::{MOST_MODELS, ModelShares};
 use super::systematic::SystematicSettings;
 use super::touched::TouchedPlaces;
@@ -258,6 +258,10 @@ const LIKELY_MOVING_SHARE: f64 = 0.5;
 /// Probability of a moving object above which the places that were touched may have moved too.
 const MAY_MOVE_SHARE: f64 = 0.1;
 
+/// Probability of friction above which a change of the readings is no evidence of a second contact: friction changes them as the motion
+/// reverses.
+const LIKELY_RUBBING_SHARE: f64 = 0.5;
+
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
@@ -284,6 +288,7 @@ impl Method for ModelAveraging {
             moving: Moving::default(),
             second: Second::default(),
             touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
+            has_returned: false,
             base: touch.before,
             last: None,
             blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
@@ -342,6 +347,8 @@ struct AveragingTracker {
     moving: Moving,
     second: Second,
     touched: TouchedPlaces,
+    /// Whether the whisker bears on a place that was touched before.
+    has_returned: bool,
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
@@ -584,11 +591,21 @@ impl AveragingTracker {
 impl AveragingTracker {
     /// Probability of a moving object, without the considered candidates.
     fn moving_share(&self) -> f64 {
+        self.deciding_share(|tracker| tracker.assumes_motion())
+    }
+
+    /// Probability of friction, without the considered candidates.
+    fn rubbing_share(&self) -> f64 {
+        self.deciding_share(|tracker| tracker.assumes_friction())
+    }
+
+    /// Probability of the candidates that this is true of, without the considered ones.
+    fn deciding_share(&self, is_true: impl Fn(&dyn Tracker) -> bool) -> f64 {
         let candidates = self.trackers.iter().zip(self.right.probabilities()).zip(&self.considered);
         let deciding = || candidates.clone().filter(|(_, considered)| !**considered).map(|(candidate, _)| candidate);
         let total: f64 = deciding().map(|(_, share)| share).sum();
-        let moving: f64 = deciding().filter(|(tracker, _)| tracker.assumes_motion()).map(|(_, share)| share).sum();
-        if total > 0.0 { moving / total } else { 0.0 }
+        let known: f64 = deciding().filter(|(tracker, _)| is_true(tracker.as_ref())).map(|(_, share)| share).sum();
+        if total > 0.0 { known / total } else { 0.0 }
     }
 
     /// The candidates with their probabilities, the most probable first.
@@ -672,12 +689,31 @@ impl AveragingTracker {
         }
     }
 
-    /// A place that was touched before and to which the whisker with this contact has come back.
-    fn returned(&mut self, dt_s: f64, estimate: Option<&Estimate>) -> Option<Point<Base>> {
+    /// The innovations of the mean of `count` readings, for the test for a second contact at the estimate of the mixture.
+    fn found(&self, count: f64, estimates: &[Option<Estimate>], together: &Estimate) -> Option<Found> {
+        let known = self.trackers.iter().zip(self.right.probabilities()).zip(estimates);
+        let of_moving = known.filter(|((tracker, _), _)| tracker.assumes_motion());
+        let of_moving = of_moving.filter_map(|((_, share), estimate)| Some((estimate.as_ref()?.innovation?, *share)));
+        Some(Found {
+            mixture: together.innovation?,
+            moving: Innovation::of_mixture(of_moving),
+            count,
+            variance_n2_m2: self.noise_n2_m2 / count + self.face.model_variance_n2_m2(together.contact),
+        })
+    }
+
+    /// Whether a change of the readings at this estimate is evidence of a second contact: whether the contact is known, and neither a
+    /// moving object nor friction is probable.
+    fn is_known(&self, sd_m: f64) -> bool {
+        sd_m <= self.config.second.known_m
+            && self.moving_share() <= MAY_MOVE_SHARE
+            && self.rubbing_share() <= LIKELY_RUBBING_SHARE
+    }
+
+    /// A place that was touched before and on which the whisker with this contact bears.
+    fn returned(&mut self, dt_s: f64, estimate: Option<(Point<Base>, f64)>) -> Option<Point<Base>> {
         let settings = Some(self.config.second).filter(|settings| settings.past_m > 0.0)?;
-        let largest_sd_m = |covariance_m2: Matrix2<f64>| covariance_m2.symmetric_eigenvalues().max().sqrt();
-        let known = estimate.and_then(|estimate| Some((estimate.contact, estimate.covariance_m2.map(largest_sd_m)?)));
-        let Some((contact, sd_m)) = known.filter(|(_, sd_m)| sd_m.is_finite()) else {
+        let Some((contact, sd_m)) = estimate else {
             self.touched.interrupt();
             return None;
         };
@@ -686,7 +722,35 @@ impl AveragingTracker {
         } else if self.second.is_raised() {
             self.touched.forget_latest();
         }
-        self.touched.advance(&settings, dt_s, &self.base, contact, sd_m)
+        let (past_m, place) = self.touched.advance(dt_s, &self.base, contact, sd_m)?;
+        self.second.bears(&settings, past_m).then_some(place)
+    }
+
+    /// Advances the tests for a second contact. Returns whether the innovations raise the signal.
+    fn seek_second(
+        &mut self,
+        dt_s: f64,
+        count: f64,
+        estimates: &[Option<Estimate>],
+        together: Option<&Estimate>,
+    ) -> bool {
+        let largest_sd_m = |covariance_m2: Matrix2<f64>| covariance_m2.symmetric_eigenvalues().max().sqrt();
+        let known = together.and_then(|estimate| Some((estimate.contact, estimate.covariance_m2.map(largest_sd_m)?)));
+        let known = known.filter(|(_, sd_m)| sd_m.is_finite());
+        let found = together.and_then(|together| self.found(count, estimates, together));
+        let is_known = known.is_some_and(|(_, sd_m)| self.is_known(sd_m));
+        let is_second = self.second.advance(&self.config.second, dt_s, found, is_known);
+        let place = self.returned(dt_s, known);
+        let had_returned = std::mem::replace(&mut self.has_returned, place.is_some());
+        if let Some(place) = place {
+            if self.rubbing_share() <= LIKELY_RUBBING_SHARE {
+                self.second.raise(&self.config.second);
+            }
+            if !had_returned {
+                self.trackers.iter_mut().for_each(|tracker| tracker.expect_return(place));
+            }
+        }
+        is_second
     }
 
     /// Whether each candidate's probability is too small to count for the mean.
@@ -761,12 +825,8 @@ impl AveragingTracker {
             self.moving.advance(sample.dt_s, self.moving_share());
         }
         let model_doubtful = self.doubtful.is_raised() || self.moving.is_raised();
-        let is_second = self.second.advance(&self.config.second, sample.dt_s, count, innovation);
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
-        if let Some(place) = self.returned(sample.dt_s, together.as_ref()) {
-            self.second.raise(&self.config.second);
-            self.trackers.iter_mut().for_each(|tracker| tracker.expect_return(place));
-        }
+        let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
         let second_contact = self.second.is_raised();
         if is_second && self.config.second.begins_touch {
             self.begin_again();
@@ -830,6 +890,7 @@ impl Tracker for AveragingTracker {
         self.stated = None;
         self.second.resume();
         self.touched.resume(touch.face.face);
+        self.has_returned = false;
         self.doubtful.resume();
         self.moving = Moving::default();
         self.begin_again_with(touch);
@@ -882,6 +943,7 @@ mod tests {
             moving: Moving::default(),
             second: Second::default(),
             touched: TouchedPlaces::new(None, face.face),
+            has_returned: false,
             base: Pose::new(0.0, 0.0, 0.0),
             last: None,
             blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),

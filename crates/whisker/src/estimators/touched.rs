@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use nalgebra::Vector2;
 
-use super::second::SecondSettings;
 use crate::elastica::{Elastica, Load};
 use crate::face::Face;
 use crate::frames::{Base, Point, Pose, Start};
@@ -60,15 +59,13 @@ pub(super) struct TouchedPlaces {
     now_s: f64,
     /// Load of the last contact, near which the next one is sought.
     near: Option<Load>,
-    /// Time for which the whisker has been past a place, `None` if it is not.
-    past_s: Option<f64>,
 }
 
 impl TouchedPlaces {
     /// No places yet.
     pub(super) fn new(elastica: Option<Arc<Elastica>>, face: Face) -> Self {
         let (recent, places) = (VecDeque::new(), VecDeque::new());
-        Self { elastica, face, recent, places, now_s: 0.0, near: None, past_s: None }
+        Self { elastica, face, recent, places, now_s: 0.0, near: None }
     }
 
     /// Begins the next touch on this face.
@@ -81,10 +78,10 @@ impl TouchedPlaces {
         self.interrupt();
     }
 
-    /// Interrupts the contact: its latest places are not remembered, and the whisker is past none.
+    /// Interrupts the contact: its latest places are not remembered.
     pub(super) fn interrupt(&mut self) {
         self.forget_latest();
-        (self.near, self.past_s) = (None, None);
+        self.near = None;
     }
 
     /// Forgets all places, as of an object that moves.
@@ -99,26 +96,19 @@ impl TouchedPlaces {
     }
 
     /// Takes the estimate of a contact, `dt_s` after the one before, with the pose of the base and the contact's largest standard
-    /// deviation. Returns the place that the whisker has now been past by `past_m` for `past_s`, once per passage.
+    /// deviation. Returns the place that the whisker is past by the largest distance, with this distance; where it is negative, the
+    /// place lies in front of the whisker.
     pub(super) fn advance(
         &mut self,
-        settings: &SecondSettings,
         dt_s: f64,
         base: &Pose<Base, Start>,
         contact: Point<Base>,
         sd_m: f64,
-    ) -> Option<Point<Base>> {
+    ) -> Option<(f64, Point<Base>)> {
         self.now_s += dt_s;
         self.remember(base.apply(contact), sd_m);
-        let before_s = self.past_s.take();
         let near = self.near.take();
-        if sd_m > CONTACT_SD_M {
-            return None;
-        }
-        let (_, place) = self.farthest_past(base, contact, near).filter(|(past_m, _)| *past_m > settings.past_m)?;
-        let past_s = before_s.map_or(0.0, |before_s| before_s + dt_s);
-        self.past_s = Some(past_s);
-        (past_s >= settings.past_s && before_s.is_none_or(|before_s| before_s < settings.past_s)).then_some(place)
+        if sd_m > CONTACT_SD_M { None } else { self.farthest_past(base, contact, near) }
     }
 
     /// Remembers the places of contacts that have gone on for [`LASTING_S`].
@@ -204,7 +194,6 @@ mod tests {
     use crate::rest::direction;
 
     const PERIOD_S: f64 = 0.01;
-    const SETTINGS: SecondSettings = SecondSettings { past_m: 0.15e-3, past_s: 0.03, ..SecondSettings::NONE };
 
     /// A contact at 35 mm, pressed on this face, a place at 60 mm of the loaded whisker, and the unit vector from there to the object.
     fn loaded(face: Face) -> (Arc<Elastica>, Point<Base>, Point<Base>, Vector2<f64>) {
@@ -234,29 +223,30 @@ mod tests {
         between: |touched| touched.resume(touched.face),
     };
 
-    /// Ways of the base towards the object at which the whisker is found past the place. The base moves to and fro twice, by 1.5 mm
-    /// at 10 mm/s.
-    fn ways_found_m(case: Case) -> Vec<f64> {
+    /// Ways of the base towards the object at which the whisker is found past the place, and the distances. The base moves to and fro
+    /// twice, by 1.5 mm at 10 mm/s.
+    fn ways_found_m(case: Case) -> Vec<(f64, f64)> {
         let (elastica, contact, beside, ahead) = loaded(case.face);
         let mut touched = TouchedPlaces::new(Some(elastica), case.face);
         let pose = |way_m: f64| Pose::new(way_m * ahead.x, way_m * ahead.y, 0.0);
         let place = beside.shifted(case.ahead_m * ahead);
         for _ in 0..(case.touched_s / PERIOD_S) as usize {
-            touched.advance(&SETTINGS, PERIOD_S, &pose(0.0), place, case.sd_m);
+            touched.advance(PERIOD_S, &pose(0.0), place, case.sd_m);
         }
         (case.between)(&mut touched);
         let ways_m = (0..=60).map(|i| 1.5e-3 * (1.0 - (f64::from(i) / 15.0 % 2.0 - 1.0).abs()));
-        let mut step = |way_m: f64| touched.advance(&SETTINGS, PERIOD_S, &pose(way_m), contact, 1e-4).map(|_| way_m);
-        ways_m.filter_map(&mut step).collect()
+        let mut step = |way_m: f64| Some((way_m, touched.advance(PERIOD_S, &pose(way_m), contact, 1e-4)?.0));
+        ways_m.filter_map(&mut step).filter(|(_, past_m)| *past_m > 0.0).collect()
     }
 
     #[test]
-    fn verif_a_whisker_past_a_touched_place_is_found_once_per_passage() {
+    fn verif_a_whisker_past_a_touched_place_is_found_in_every_passage() {
         for face in [Face::Left, Face::Right] {
             let found_m = ways_found_m(Case { face, ..TOUCHED });
-            // 0.65 mm and three periods later, in both passages.
-            assert_eq!(found_m.len(), 2, "{found_m:?}");
-            assert!(found_m.iter().all(|way_m| (0.65e-3..1.15e-3).contains(way_m)), "{found_m:?}");
+            // Nine periods from 0.6 to 1.4 mm on each of the four ways, and one at each turn.
+            assert_eq!(found_m.len(), 38, "{found_m:?}");
+            // The rest of the whisker does not move relative to the base as the contact stays.
+            assert!(found_m.iter().all(|(way_m, past_m)| (past_m - (way_m - 0.5e-3)).abs() < 0.02e-3), "{found_m:?}");
         }
     }
 
@@ -281,7 +271,7 @@ mod tests {
         let mut touched = TouchedPlaces::new(Some(elastica), Face::Left);
         let touch = |touched: &mut TouchedPlaces, count: usize, contact| {
             for _ in 0..count {
-                touched.advance(&SETTINGS, PERIOD_S, &Pose::new(0.0, 0.0, 0.0), contact, 1e-4);
+                touched.advance(PERIOD_S, &Pose::new(0.0, 0.0, 0.0), contact, 1e-4);
             }
         };
         touch(&mut touched, 30, contact);
