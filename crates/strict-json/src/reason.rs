@@ -1,10 +1,11 @@
 //! Messages of parse errors in terms of JSON.
 
-/// Message of a parse error without its place. The parser names Rust types; here a `usize` is a whole number of 0 or more, and a struct
-/// an object.
+/// Message of a parse error without its place. The parser names Rust types; here a `usize` is a whole number of 0 or more, and a
+/// struct an object.
 pub fn reason(error: &serde_json::Error) -> String {
     let text = error.to_string();
-    let text = text.split(" at line ").next().unwrap_or(&text);
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    let text = text.strip_suffix(&place).unwrap_or(&text);
     if let Some(unfinished) = text.strip_prefix("EOF while parsing ") {
         return format!("found the end within {unfinished}");
     }
@@ -44,6 +45,8 @@ fn kind(expected: &str) -> String {
         "a boolean" => "true or false",
         "a sequence" => "a list",
         "a map" | "map" => "an object",
+        "string or map" => "a string or an object",
+        "map with a single key" => "an object with one key",
         _ if expected.starts_with("struct ") || expected.starts_with("internally tagged enum ") => "an object",
         _ => {
             let length =
@@ -84,6 +87,7 @@ mod tests {
     #[test]
     fn robust_messages_name_the_types_of_json() {
         assert_eq!(of::<f64>(r#""a""#), r#"found "a", expected a number"#);
+        assert_eq!(of::<f64>(r#""x at line 3""#), r#"found "x at line 3", expected a number"#);
         assert_eq!(of::<f64>("[1]"), "found a list, expected a number");
         assert_eq!(of::<usize>("-1"), "found -1, expected a whole number of 0 or more");
         assert_eq!(of::<u32>("4294967296"), "found 4294967296, expected a whole number of 0 to 4294967295");

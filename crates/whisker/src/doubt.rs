@@ -73,12 +73,12 @@ impl Doubtful {
         self.is_raised = false;
     }
 
-    /// The signal with another mean at the start, for models that may be wrong from there on.
-    pub(crate) fn suspicious(nis: f64) -> Self {
+    /// The signal with this mean at the start, for models that may be wrong.
+    pub(crate) fn starting_at(nis: f64) -> Self {
         Self { nis, is_raised: false }
     }
 
-    /// Running mean of the normalised innovations squared per reading, 1 at the start.
+    /// Running mean of the normalised innovations squared per reading.
     pub(crate) fn mean_nis(&self) -> f64 {
         self.nis
     }

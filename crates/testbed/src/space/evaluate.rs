@@ -94,7 +94,7 @@ pub struct SpatialTrialRow {
     pub normal_rad: Option<f64>,
     /// RMS angle between the estimated and the true direction of the edge or rod. `None` for other objects and methods.
     pub direction_rad: Option<f64>,
-    /// RMS of the bound of this angle with an unknown rod.
+    /// RMS of the bound of this angle with an unknown object.
     pub direction_bound_rad: Option<f64>,
     /// Error of the last stated radius relative to the true one, positive if it is too large. `None` unless the solid is a sphere or
     /// a cylinder.

@@ -1,7 +1,7 @@
 //! The true object of a trace in space, as far as few parameters describe it where it is touched.
 
 use nalgebra::{Matrix3, Vector3};
-use trace::{SpatialContactTruth, SpatialTrace};
+use trace::{Feature, SpatialContactTruth, SpatialTrace};
 
 use super::solid::{Axial, Solid};
 
@@ -12,7 +12,7 @@ const STRAIGHT: f64 = 0.05;
 /// Smallest radius of rod and wire together.
 const LEAST_RADIUS_M: f64 = 1e-5;
 
-/// Largest deviation of touched points from the surface of a solid that is touched on its round side alone.
+/// Largest deviation of touched points from the round side of a solid.
 const ON_SIDE_M: f64 = 1e-5;
 
 /// The part of an object that is touched.
@@ -34,8 +34,8 @@ pub struct TrueSphere {
 }
 
 impl TrueObject {
-    /// The object of a trace: that of its scene if this is a sphere, or a pin or cylinder that is touched on its side alone; else
-    /// the edge on which the touched points lie. `None` if they do not lie on one.
+    /// The object of a trace: that of its scene if this is a sphere, or a pin or cylinder that is touched on its side alone; for
+    /// boxes and meshes, the edge on which the touched points lie. `None` if they do not lie on one, and for other solids.
     pub fn of(trace: &SpatialTrace, solid: Option<&Solid>) -> Option<Self> {
         let contacts = contacts(trace);
         match solid {
@@ -47,7 +47,9 @@ impl TrueObject {
             Some(Solid::Pin { radius_m, place, .. } | Solid::Cylinder { radius_m, place, .. }) => {
                 TrueRod::round(&contacts, place, *radius_m).map(Self::Rod)
             }
-            _ => TrueRod::edge(&contacts).map(Self::Rod),
+            Some(Solid::Cone { .. } | Solid::Torus { .. }) => None,
+            // Boxes, and meshes, which are not known here.
+            Some(Solid::Box { .. }) | None => TrueRod::edge(&contacts).map(Self::Rod),
         }
     }
 
@@ -86,7 +88,10 @@ impl TrueRod {
     fn round(contacts: &[&SpatialContactTruth], place: &Axial, radius_m: f64) -> Option<Self> {
         let (axis, along) = (Vector3::from(place.center_m), Vector3::from(place.axis).normalize());
         let from_axis_m = |point: Vector3<f64>| along.cross(&(point - axis)).norm();
-        let is_on_side = |contact: &&SpatialContactTruth| (from_axis_m(contact.surface) - radius_m).abs() < ON_SIDE_M;
+        // The rim of a flat end is as far from the axis as the side is.
+        let is_on_side = |contact: &&SpatialContactTruth| {
+            contact.feature == Feature::Face && (from_axis_m(contact.surface) - radius_m).abs() < ON_SIDE_M
+        };
         let with_wire_m = mean(contacts, |contact| from_axis_m(contact.contact))?;
         contacts.iter().all(is_on_side).then_some(Self { axis, along, radius_m: with_wire_m })
     }
@@ -130,4 +135,57 @@ fn direction(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let places = points.iter().map(|point| along.dot(&(point - mean)));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
     (high - low > EXTENT_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIRE_M: f64 = 1e-4;
+
+    fn contact(surface: Vector3<f64>, normal: Vector3<f64>, feature: Feature) -> SpatialContactTruth {
+        SpatialContactTruth {
+            tip: false,
+            split: false,
+            feature,
+            contact: surface + normal * WIRE_M,
+            surface,
+            normal,
+            arc_m: 0.05,
+            force: normal,
+            tangent: Vector3::x(),
+        }
+    }
+
+    #[test]
+    fn verif_a_cylinder_is_a_rod_where_its_side_is_touched() {
+        const RADIUS_M: f64 = 0.01;
+        let place = Axial { center_m: [0.0, 0.0, 0.02], axis: [0.0, 0.0, 2.0] };
+        let on_side = |angle: f64| {
+            let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
+            contact(normal * RADIUS_M + Vector3::z() * (0.03 + 0.01 * angle), normal, Feature::Face)
+        };
+        let side = [on_side(0.1), on_side(0.4)];
+        let rod = TrueRod::round(&side.each_ref(), &place, RADIUS_M).expect("a rod");
+        assert!((rod.radius_m - RADIUS_M - WIRE_M).abs() < 1e-15 && rod.along == Vector3::z());
+        let on_rim = contact(Vector3::new(RADIUS_M, 0.0, 0.07), Vector3::new(0.6, 0.0, 0.8), Feature::Edge);
+        let on_end = contact(Vector3::new(0.5 * RADIUS_M, 0.0, 0.07), Vector3::z(), Feature::Face);
+        for elsewhere in [on_rim, on_end] {
+            assert_eq!(TrueRod::round(&[&side[0], &elsewhere], &place, RADIUS_M), None);
+        }
+        assert_eq!(TrueRod::round(&[], &place, RADIUS_M), None);
+    }
+
+    #[test]
+    fn verif_an_edge_is_a_rod_where_the_touched_points_lie_on_a_line() {
+        let along = Vector3::new(0.6, 0.0, 0.8);
+        let at = |way_m: f64, angle: f64| {
+            let normal = Vector3::y() * angle.cos() + along.cross(&Vector3::y()) * angle.sin();
+            contact(along * way_m, normal, Feature::Edge)
+        };
+        let line: Vec<_> = (0..20).map(|i| at(1e-4 * f64::from(i), 0.02 * f64::from(i))).collect();
+        let rod = TrueRod::edge(&line.iter().collect::<Vec<_>>()).expect("an edge");
+        assert!((rod.along.dot(&along).abs() - 1.0).abs() < 1e-12 && (rod.radius_m - WIRE_M).abs() < 1e-9, "{rod:?}");
+        assert_eq!(TrueRod::edge(&line[..5].iter().collect::<Vec<_>>()), None);
+    }
 }

@@ -47,8 +47,8 @@ const SCORES: &[Score] = &[
     },
     Score {
         groups: &["pins"],
-        id: "rmse_over_rod_bound",
-        what: "RMSE over the posterior Cramer-Rao bound of an unknown rod",
+        id: "rmse_over_object_bound",
+        what: "RMSE over the posterior Cramer-Rao bound of an unknown object",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",

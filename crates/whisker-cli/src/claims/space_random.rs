@@ -72,9 +72,10 @@ pub(super) fn claims() -> Vec<Claim> {
             |context| percent(mean(replays(context, |_| true)?.iter().map(|trial| trial.answered))),
         ),
     ];
-    for (name, kind, most, smooth) in
-        [("smooth", "rods, spheres, cylinders and tori", 3.0, true), ("edged", "boxes and cones", 6.0, false)]
-    {
+    for (name, kind, with_bound, most, smooth) in [
+        ("smooth", "rods, spheres, cylinders and tori", "rods, spheres and cylinders", 3.0, true),
+        ("edged", "boxes and cones", "edges of boxes", 6.0, false),
+    ] {
         let of_kind = move |shape: &str| SMOOTH.contains(&shape) == smooth;
         claims.push(Claim::at_most(
             format!("space_random_{name}_median"),
@@ -97,7 +98,7 @@ pub(super) fn claims() -> Vec<Claim> {
         let [Failing { what, has_failed, .. }, _] = FAILING;
         claims.push(Claim::at_most(
             format!("space_random_{name}_avoidable"),
-            about(&format!("{kind}: {what}, of those whose bound of an unknown object does not exceed it")),
+            about(&format!("{with_bound}: {what}, of those whose bound of an unknown object does not exceed it")),
             most,
             "%",
             move |context| {
@@ -108,7 +109,7 @@ pub(super) fn claims() -> Vec<Claim> {
         ));
         claims.push(Claim::at_least(
             format!("space_random_{name}_bound"),
-            format!("random scenes in space, {kind}: replays whose bound of an unknown object exceeds 0.5 mm"),
+            format!("random scenes in space, {with_bound}: replays whose bound of an unknown object exceeds 0.5 mm"),
             most,
             "%",
             move |context| {

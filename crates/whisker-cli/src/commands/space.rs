@@ -178,7 +178,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "RMSE, mm",
         "out of plane, mm",
         "bound, mm",
-        "bound of a rod, mm",
+        "bound of an unknown object, mm",
         "NEES",
         "its 95 % interval",
         "in 95 %",

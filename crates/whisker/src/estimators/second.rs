@@ -10,11 +10,11 @@
 //! The residual is the one that remains after the update. Of an innovation `r` with the covariance `S`, the filter attributes the share
 //! `1 - R / S` to a displacement of the contact, with the variance `R` of the reading (Bar-Shalom, Li and Kirubarajan, "Estimation with
 //! Applications to Tracking and Navigation", 2001, chapter 5); only the rest, `r R / S`, is evidence of another load. In standard
-//! deviations of the reading it is `r / sqrt(S) sqrt(R / S)`. Where the filter hardly knows the contact, for instance as the motion
+//! deviations of the reading it is `r / sqrt(S) sqrt(R / S)`. Where the contact is uncertain, for instance as the motion
 //! reverses on a round object, it is small.
 //!
-//! An object that begins to move changes the readings in the same way. A filter that estimates the velocity of the object knows it long
-//! before a moving object has become probable. There are therefore cumulative sums for the innovations of the mixture and for those of
+//! An object that begins to move changes the readings in the same way. A filter that estimates the velocity of the object has found it
+//! long before a moving object has become probable. There are therefore cumulative sums for the innovations of the mixture and for those of
 //! a moving object, and the smaller one counts: a change that either of them explains is no evidence, as in a test whose null hypothesis
 //! is composite.
 //!

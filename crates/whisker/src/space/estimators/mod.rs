@@ -5,7 +5,7 @@
 //! of methods:
 //!
 //! - a filter (`follower.rs`): a bank of Gaussian hypotheses ([`filters::Bank`]) along the whisker,
-//! - a fit (`fit/`) of an object to all readings of the touch,
+//! - a fit (`fit/`) of an object to all readings,
 //! - an average (`model_averaging.rs`) over fits, weighted by their evidence.
 //!
 //! Filters and fits have the same models of the contact's motion (`motion/`): a fixed point, a straight edge or rod of unknown
@@ -258,22 +258,22 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     },
     SpatialEstimatorRow {
         name: "line-fit",
-        about: "fit of a thin rod or edge to all readings of the touch",
+        about: "fit of a thin rod or edge to all readings",
         kind: Kind::Fit(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "cylinder-fit",
-        about: "fit of a round rod of any radius to all readings of the touch",
+        about: "fit of a round rod of any radius to all readings",
         kind: Kind::Fit(MotionSettings::fitted_cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere-fit",
-        about: "fit of a sphere of any radius to all readings of the touch",
+        about: "fit of a sphere of any radius to all readings",
         kind: Kind::Fit(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
         name: "patch-fit",
-        about: "fit of a surface of two principal curvatures to all readings of the touch",
+        about: "fit of a surface of two principal curvatures to all readings",
         kind: Kind::Fit(MotionSettings::patch),
     },
 ];

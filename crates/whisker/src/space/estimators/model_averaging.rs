@@ -1,6 +1,6 @@
 //! Bayesian model averaging over models of the object, as in the plane ([`crate::estimators`]).
 //!
-//! Each candidate is a fit of an object to all readings of the touch. It gives its evidence, the marginal likelihood of the readings
+//! Each candidate is a fit of an object to all readings. It gives its evidence, the marginal likelihood of the readings
 //! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
 //! posterior probability. Until the first fits have ended, the priors decide. The estimate is the mean and covariance of the
 //! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
@@ -76,6 +76,14 @@ impl Default for Config {
     }
 }
 
+impl Config {
+    /// Prior probabilities of the candidates.
+    fn probabilities(&self) -> Vec<f64> {
+        let total: f64 = self.candidates.iter().map(|candidate| candidate.weight).sum();
+        self.candidates.iter().map(|candidate| candidate.weight / total).collect()
+    }
+}
+
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
         let weighted = self.candidates.iter().map(|candidate| (candidate.name.as_str(), candidate.weight));
@@ -114,7 +122,7 @@ impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
         Box::new(Average {
             trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
-            prior: self.config.candidates.iter().map(|candidate| candidate.weight).collect(),
+            prior: self.config.probabilities(),
             before: vec![0.0; self.methods.len()],
             is_free: false,
             doubtful: Doubtful::default(),
@@ -127,7 +135,7 @@ impl Method for ModelAveraging {
 struct Average {
     config: Arc<Config>,
     trackers: Vec<Box<dyn Tracker>>,
-    /// Weights of the candidates at the touch, and the logarithm of their evidence before it.
+    /// Probabilities of the candidates at the touch, and the logarithm of their evidence before it.
     prior: Vec<f64>,
     before: Vec<f64>,
     is_free: bool,
@@ -233,10 +241,8 @@ impl Tracker for Average {
 
     fn release(&mut self, sample: &Sample) {
         if !self.is_free {
-            let total: f64 = self.config.candidates.iter().map(|candidate| candidate.weight).sum();
-            let weights = self.config.candidates.iter().map(|candidate| candidate.weight / total);
-            let prior = self.shares().into_iter().zip(weights);
-            self.prior = prior.map(|(share, weight)| SAME_OBJECT * share + (1.0 - SAME_OBJECT) * weight).collect();
+            let both = self.shares().into_iter().zip(self.config.probabilities());
+            self.prior = both.map(|(share, prior)| SAME_OBJECT * share + (1.0 - SAME_OBJECT) * prior).collect();
             self.doubtful.resume();
         }
         self.is_free = true;
@@ -248,7 +254,7 @@ impl Tracker for Average {
 
     fn forget(&mut self) {
         self.trackers.iter_mut().for_each(|tracker| tracker.forget());
-        self.prior = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
+        self.prior = self.config.probabilities();
         self.before.fill(0.0);
         self.doubtful.resume();
     }

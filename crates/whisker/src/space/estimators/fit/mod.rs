@@ -1,4 +1,4 @@
-//! Fits an object at rest to all readings of a touch.
+//! Fits an object at rest to the readings of all touches.
 //!
 //! Without friction, the pose of the base and the object determine the contact, and with it the reading. The unknowns are those
 //! of the contact at one reference pose, as in the filters of the same model of motion ([`super::motion`]); the object follows
@@ -12,14 +12,15 @@
 //! linearised about an early estimate, and the object has no process noise. The lag and the ringing of the wire along the
 //! surface are part of `R_k`.
 //!
-//! A touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the object,
+//! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the object,
 //! are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence. The work
 //! is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
 //! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge, the
 //! fit begins anew with the later readings.
 //!
 //! At the next touch the fit goes on: an object at rest explains the readings of all touches. As the whisker may touch another
-//! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up.
+//! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up. If
+//! they do neither for a second, there are estimates, with a covariance that includes the innovations.
 
 mod readings;
 mod search;
@@ -69,6 +70,9 @@ const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, ni
 /// Mean of the innovations with which a touch of a known object begins, and the one at which the object is confirmed.
 const UNCONFIRMED_NIS: f64 = 7.0;
 const CONFIRMED_NIS: f64 = 4.5;
+
+/// Time after which an object that is not contradicted counts as confirmed (s).
+const UNDECIDED_S: f64 = 1.0;
 
 /// Time after the first readings of a fit (s) in which they do not count: the modes are still searched.
 const SETTLED_S: f64 = 0.5;
@@ -162,7 +166,7 @@ struct Round<const N: usize> {
     since: f64,
 }
 
-/// Follows one contact.
+/// Follows the contacts with one object after another.
 pub(super) struct Fitter<Model, const N: usize> {
     config: Config,
     model: Model,
@@ -180,8 +184,12 @@ pub(super) struct Fitter<Model, const N: usize> {
     next_start: usize,
     round: Option<Round<N>>,
     lost: usize,
-    /// Whether the whisker is free.
-    is_free: bool,
+    /// Whether the next reading is the first of a touch, or of a fit that begins anew.
+    is_first: bool,
+    /// Pose of the base at the last contact, while the whisker is free.
+    released: Pose<Base, Start>,
+    /// Time of contact before this touch.
+    before_s: f64,
     /// What the readings of this touch say about the object of earlier ones.
     earlier: Earlier,
     /// Whether the recent innovations contradict all modes.
@@ -194,11 +202,11 @@ pub(super) struct Fitter<Model, const N: usize> {
 /// What the readings of a touch say about the object of earlier touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Earlier {
-    /// Nothing yet.
+    /// They do not decide yet whether it is touched again.
     Unconfirmed,
-    /// It is touched again, or there was none.
+    /// It is touched again, or there was no earlier touch.
     Confirmed,
-    /// Another one is touched.
+    /// Another object is touched.
     Contradicted,
 }
 
@@ -254,7 +262,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             next_start: 0,
             round: None,
             lost: 0,
-            is_free: true,
+            is_first: true,
+            released: Pose::identity(),
+            before_s: 0.0,
             earlier: Earlier::Confirmed,
             slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
@@ -269,6 +279,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let near_m = likeliest.map(|mode| mode.near.along_m);
         let front = new.front.map(|front| front.slipped(near_m, self.unrest));
         Self { unrest: self.unrest, log_evidence: self.log_evidence.anew(), front, ..new }
+    }
+
+    /// Begins a touch of a known object: its contact is sought from the place of the last one.
+    fn approach(&mut self) {
+        let (rest, motion) = (self.side.rest(), self.released.then(&self.base.inverse()));
+        for mode in self.modes.iter_mut().filter(|mode| !mode.is_new()) {
+            mode.near = Around::of(rest, motion.apply(mode.near.contact(rest)));
+            mode.tilt = (0.0, 0.0);
+        }
     }
 
     /// The modes from the probable hypotheses of the filter.
@@ -531,13 +550,16 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        let is_first = std::mem::replace(&mut self.is_first, false);
+        if is_first {
+            self.approach();
+        }
         let estimate = match &mut self.front {
             Some(front) => front.step(sample),
             None => self.together(sample),
         };
         // The reading of the touch itself was detected by its size.
-        let is_touch = std::mem::replace(&mut self.is_free, false);
-        if !is_touch {
+        if !is_first {
             self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest));
         }
         match &self.front {
@@ -552,7 +574,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
         let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate });
         let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
-        if self.earlier == Earlier::Unconfirmed && self.slipped.mean_nis() < CONFIRMED_NIS {
+        let is_confirmed = self.slipped.mean_nis() < CONFIRMED_NIS || self.elapsed_s - self.before_s > UNDECIDED_S;
+        if self.earlier == Earlier::Unconfirmed && is_confirmed {
             self.earlier = Earlier::Confirmed;
         }
         if self.is_fitted() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
@@ -566,27 +589,26 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     }
 
     fn release(&mut self, sample: &Sample) {
-        if !self.is_fitted() {
-            self.forget();
-            return;
+        let has_touched = !self.is_first;
+        if has_touched && self.is_fitted() {
+            (self.released, self.before_s) = (self.base, self.elapsed_s);
+            self.readings.leave();
+            // The evidence of an unfinished round would count as that of the next touch.
+            self.round = None;
+            (self.slipped, self.lost) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0);
+            (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }
         self.base = sample.motion.inverse().then(&self.base);
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
-        // The next contact is sought from the place of the last one.
-        let rest = self.side.rest();
-        for mode in &mut self.modes {
-            mode.near = Around::of(rest, sample.motion.apply(mode.near.contact(rest)));
-        }
-        if !self.is_free {
-            self.readings.leave();
-            self.slipped = Doubtful::suspicious(UNCONFIRMED_NIS);
-            self.lost = 0;
-            (self.is_free, self.earlier) = (true, Earlier::Unconfirmed);
+        if !self.is_fitted() {
+            self.forget();
         }
     }
 
     fn forget(&mut self) {
-        *self = Self::new(&self.config, self.model, &self.knowledge);
+        let new = Self::new(&self.config, self.model, &self.knowledge);
+        let front = new.front.map(|front| front.slipped(None, self.unrest));
+        *self = Self { unrest: self.unrest, front, ..new };
     }
 
     fn is_another(&self) -> bool {

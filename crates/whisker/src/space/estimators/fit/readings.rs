@@ -59,7 +59,8 @@ impl Mean {
         (base.origin().vector() - self.first.origin().vector(), turn_rad)
     }
 
-    /// Includes the readings of another mean, of the same stays.
+    /// Includes the readings of another mean. Neighbouring poses are mostly passed in the same stays, so that the larger number
+    /// counts.
     fn join(&mut self, other: &Self) {
         let count = self.count + other.count;
         let share = other.count / count;
@@ -76,7 +77,7 @@ impl Mean {
     }
 }
 
-/// Readings of one touch, averaged where the base returns to a pose: without friction and with the object at rest they are
+/// Readings of one object, averaged where the base returns to a pose: without friction and with the object at rest they are
 /// repetitions of one reading. Their number, and so the time of a fit, is bounded.
 #[derive(Clone, Debug)]
 pub(super) struct Readings {

@@ -1,4 +1,4 @@
-//! Search for the object that explains the readings of a touch, by the Levenberg-Marquardt method, a few readings per step.
+//! Search for the object that explains the readings, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
 use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector};
