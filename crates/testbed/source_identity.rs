@@ -23,6 +23,7 @@ pub(crate) const CALIBRATION: Code = Code {
         "crates/filters/src/least_squares.rs",
         "crates/filters/src/lib.rs",
         "crates/filters/src/matrix.rs",
+        "crates/filters/src/quantile.rs",
         "crates/filters/src/simd.rs",
         "crates/strict-json/src",
         "crates/testbed/src/contour/circle.rs",

@@ -95,7 +95,7 @@ def test_verif_noise_is_seeded_and_of_the_stated_size(simulated, calibration, tr
         wc.Trial(simulated, calibration, noise=0.1, noise_sd_n_m=0.0)
     t_s = np.arange(0.0, 0.1, 0.004)
     curved = wc.simulate(wc.Whisker.curved(), wc.Shape.pin([0.5, 0.5]), t_s, sweep_base(t_s), "left")
-    with pytest.raises(ValueError, match="whisker.name: found .*, expected "):
+    with pytest.raises(ValueError, match=r"whisker\.name: found .*, expected "):
         wc.Trial(curved, calibration)
 
 

@@ -145,8 +145,8 @@ struct Average {
 impl Average {
     /// Probabilities of the candidates. One without evidence has the smallest of the others.
     fn shares(&self) -> Vec<f64> {
-        let since = |(tracker, before): (&Box<dyn Tracker>, &f64)| Some(tracker.log_evidence()? - before);
-        let evidence: Vec<_> = self.trackers.iter().zip(&self.before).map(since).collect();
+        let trackers = self.trackers.iter().zip(&self.before);
+        let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
         let share = |(prior, evidence): (&f64, &Option<f64>)| {
