@@ -27,7 +27,7 @@ use whisker::frames::{Base, World};
 use whisker::space::frames::{Point, Pose};
 use whisker::space::sensor::CalibratedSpace;
 
-use super::object::{TrueObject, TrueRod, TrueSphere};
+use super::object::{TrueObject, TrueRod};
 use super::to_base;
 use crate::bound::START_AWAY_SD_M;
 
@@ -162,7 +162,7 @@ impl Surface {
         let contact_slopes = back * at.contact_with_jacobian(&face.rest).1;
         let (equations, by_object) = match object {
             TrueObject::Rod(rod) => rod_equations(rod, contact, &normal, &contact_slopes, &normal_slopes),
-            TrueObject::Sphere(TrueSphere { radius_m, .. }) => {
+            TrueObject::Sphere { radius_m } => {
                 let mut by_sphere = Matrix3xX::identity(4);
                 by_sphere.set_column(3, &(normal * *radius_m));
                 (contact_slopes - normal_slopes * *radius_m, by_sphere)

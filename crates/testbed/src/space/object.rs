@@ -21,16 +21,10 @@ pub enum TrueObject {
     /// Rod, cylinder or edge.
     Rod(TrueRod),
     /// Sphere.
-    Sphere(TrueSphere),
-}
-
-/// A sphere in World.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrueSphere {
-    /// Centre (m).
-    pub center: Vector3<f64>,
-    /// Radius of sphere and wire together (m).
-    pub radius_m: f64,
+    Sphere {
+        /// Radius of sphere and wire together (m).
+        radius_m: f64,
+    },
 }
 
 impl TrueObject {
@@ -42,7 +36,7 @@ impl TrueObject {
             Some(Solid::Sphere { center_m, .. }) => {
                 let center = Vector3::from(*center_m);
                 let radius_m = mean(&contacts, |contact| (contact.contact - center).norm())?;
-                Some(Self::Sphere(TrueSphere { center, radius_m }))
+                Some(Self::Sphere { radius_m })
             }
             Some(Solid::Pin { radius_m, place, .. } | Solid::Cylinder { radius_m, place, .. }) => {
                 TrueRod::round(&contacts, place, *radius_m).map(Self::Rod)
@@ -57,7 +51,7 @@ impl TrueObject {
     pub fn rod(&self) -> Option<&TrueRod> {
         match self {
             Self::Rod(rod) => Some(rod),
-            Self::Sphere(_) => None,
+            Self::Sphere { .. } => None,
         }
     }
 }

@@ -145,6 +145,11 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         Self { near_m, unrest, ..self }
     }
 
+    /// Sets the recent acceleration of the base, which it had before the touch.
+    pub(super) fn set_unrest(&mut self, unrest: Unrest) {
+        self.unrest = unrest;
+    }
+
     /// The hypotheses with their probabilities.
     pub(super) fn hypotheses(&self) -> impl Iterator<Item = (Gaussian<N>, f64)> {
         let bank = self.bank.iter().flat_map(Bank::hypotheses);

@@ -12,11 +12,11 @@
 //! linearised about an early estimate, and the object has no process noise. The lag and the ringing of the wire along the
 //! surface are part of `R_k`.
 //!
-//! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the object,
-//! are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence. The work
-//! is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
-//! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge, the
-//! fit begins anew with the later readings.
+//! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the
+//! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.
+//! The work is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
+//! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge,
+//! the fit begins anew with the later readings.
 //!
 //! At the next touch the fit goes on: an object at rest explains the readings of all touches. As the whisker may touch another
 //! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up. If
@@ -190,7 +190,7 @@ pub(super) struct Fitter<Model, const N: usize> {
     released: Pose<Base, Start>,
     /// Time of contact before this touch.
     before_s: f64,
-    /// What the readings of this touch say about the object of earlier ones.
+    /// Whether the object of earlier touches is touched again.
     earlier: Earlier,
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
@@ -199,12 +199,12 @@ pub(super) struct Fitter<Model, const N: usize> {
     contradicted: bool,
 }
 
-/// What the readings of a touch say about the object of earlier touches.
+/// Whether a touch is one of the object that was touched before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Earlier {
-    /// They do not decide yet whether it is touched again.
+    /// The readings of the touch do not decide yet.
     Unconfirmed,
-    /// It is touched again, or there was no earlier touch.
+    /// It is, or there was no earlier touch.
     Confirmed,
     /// Another object is touched.
     Contradicted,
@@ -598,17 +598,22 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.slipped, self.lost) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }
-        self.base = sample.motion.inverse().then(&self.base);
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
-        if !self.is_fitted() {
+        if self.is_fitted() {
+            self.base = sample.motion.inverse().then(&self.base);
+        } else if has_touched {
             self.forget();
+        }
+        if let Some(front) = &mut self.front {
+            front.set_unrest(self.unrest);
         }
     }
 
     fn forget(&mut self) {
-        let new = Self::new(&self.config, self.model, &self.knowledge);
-        let front = new.front.map(|front| front.slipped(None, self.unrest));
-        *self = Self { unrest: self.unrest, front, ..new };
+        *self = Self { unrest: self.unrest, ..Self::new(&self.config, self.model, &self.knowledge) };
+        if let Some(front) = &mut self.front {
+            front.set_unrest(self.unrest);
+        }
     }
 
     fn is_another(&self) -> bool {
