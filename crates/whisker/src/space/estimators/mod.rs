@@ -18,6 +18,7 @@ mod fit;
 mod follower;
 mod model_averaging;
 mod motion;
+mod ringing;
 mod side;
 mod start;
 

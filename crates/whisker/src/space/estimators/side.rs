@@ -3,13 +3,13 @@
 //! A contact is written `(s, u, v)`: along the undeflected whisker, and displaced to its left and upwards ([`Around`]). In these
 //! coordinates the prior at the touch is Gaussian even on a strongly curved whisker, as in the plane.
 
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 use filters::unscented::{self, Spread};
 use filters::{Gaussian, Innovation, Measurement, Process};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
+use super::ringing::{Beam, Masses};
 use super::{Estimate, Knowledge};
 use crate::RestShape;
 use crate::space::frames::Point;
@@ -28,23 +28,13 @@ const BEYOND_SD: f64 = 0.3;
 /// load on a beam clamped at one end and supported at the other.
 const INERTIA: f64 = 0.125;
 
-/// Smallest relative arc length at which the effective mass is evaluated; nearer to the root, that at this place is used.
-const LEAST_SHARE: f64 = 0.05;
-
-/// Effective mass of a uniform cantilever at a relative arc length, over its mass: the deflection by a uniform load over that by a
-/// unit force at the place.
-fn effective_mass(share: f64) -> f64 {
-    let share = share.clamp(LEAST_SHARE, 1.0);
-    (6.0 - 4.0 * share + share * share) / (8.0 * share)
-}
-
 /// The whisker in contact.
 #[derive(Clone)]
 pub(super) struct Side {
     pub(super) calibrated: Arc<CalibratedSpace>,
-    /// Mass and length of the wire.
+    /// Mass of the wire.
     mass_kg: f64,
-    length_m: f64,
+    beam: Beam,
     /// Variance of the measurement noise of each moment.
     noise_n2_m2: f64,
 }
@@ -52,12 +42,11 @@ pub(super) struct Side {
 impl Side {
     pub(super) fn new(knowledge: &Knowledge) -> Self {
         let whisker = &knowledge.calibrated.whisker.whisker;
-        let (root_m, tip_m) = (whisker.root_diameter_m, whisker.tip_diameter_m);
-        let section_m2 = PI / 12.0 * (root_m * root_m + root_m * tip_m + tip_m * tip_m);
+        let beam = Beam::new(whisker);
         Self {
             calibrated: knowledge.calibrated.clone(),
-            mass_kg: whisker.density_kg_m3 * section_m2 * whisker.length_m,
-            length_m: whisker.length_m,
+            mass_kg: beam.mass_kg(),
+            beam,
             noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
         }
     }
@@ -111,11 +100,9 @@ impl Side {
         INERTIA * self.mass_kg * acceleration_m_s2 * at.along_m
     }
 
-    /// Effective transverse mass of the wire at a contact: the force per acceleration that, applied there, deflects this point of a
-    /// uniform cantilever as far as its distributed inertia does. Near the root it exceeds the mass of the wire, because the rest of
-    /// the wire lies beyond the contact.
-    pub(super) fn effective_mass_kg(&self, at: Around) -> f64 {
-        self.mass_kg * effective_mass(at.along_m / self.length_m)
+    /// Effective masses of the wire at a contact.
+    pub(super) fn masses(&self, at: Around) -> Masses {
+        self.beam.masses(at.along_m)
     }
 
     /// Limits the distance of a contact from the calibrated domain, which objects may push the whisker beyond.
@@ -211,22 +198,5 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         let mut jacobian = SMatrix::<f64, 2, N>::zeros();
         jacobian.fixed_columns_mut::<3>(0).copy_from(&slopes);
         Some((expected, jacobian))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn verif_the_effective_mass_is_that_of_the_deflections_of_a_cantilever() {
-        // Deflection at `x` by a unit force at `u`, times 6 EI.
-        let by_force = |x: f64, u: f64| if u < x { u * u * (3.0 * x - u) } else { x * x * (3.0 * u - x) };
-        for x in [0.1, 0.5, 1.0] {
-            const PARTS: u32 = 10_000;
-            let by_load = (0..PARTS).map(|i| by_force(x, (f64::from(i) + 0.5) / f64::from(PARTS))).sum::<f64>();
-            let expected = by_load / f64::from(PARTS) / by_force(x, x);
-            assert!((effective_mass(x) - expected).abs() < 1e-6 * expected, "{x}: {expected}");
-        }
     }
 }

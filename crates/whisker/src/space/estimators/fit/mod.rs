@@ -9,8 +9,8 @@
 //! ```
 //!
 //! by the Levenberg-Marquardt method. Readings at nearly the same pose are averaged. In contrast to a filter, nothing is
-//! linearised about an early estimate, and the object has no process noise. The lag and the ringing of the wire along the
-//! surface are part of `R_k`.
+//! linearised about an early estimate, and the object has no process noise. The tilt of the normal by the inertia of the wire
+//! is computed ([`super::ringing`]), and its unknown part is included in `R_k`.
 //!
 //! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the
 //! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.
@@ -30,7 +30,8 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::follower::{self, Follower, Tracker, Unrest};
-use super::motion::{Motion, MotionSettings, Neighbours, Resting, Shape, TILT, TILT_S};
+use super::motion::{Motion, MotionSettings, Neighbours, Place, Resting, Shape, TILT, TILT_S};
+use super::ringing::Ringing;
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::{DoubtSettings, Doubtful};
@@ -151,6 +152,8 @@ struct Mode<const N: usize> {
     near: Around,
     /// Mean (rad) and variance of the tilt at the present instant.
     tilt: (f64, f64),
+    /// Angular frequency of the wire's oscillation along the object.
+    oscillation_rad_s: f64,
 }
 
 /// Searches of all modes on the same means.
@@ -175,6 +178,7 @@ pub(super) struct Fitter<Model, const N: usize> {
     /// The filter, until the first searches of all modes have ended.
     front: Option<Follower<Resting, 3>>,
     unrest: Unrest,
+    ringing: Ringing,
     base: Pose<Base, Start>,
     elapsed_s: f64,
     readings: Readings,
@@ -254,6 +258,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             knowledge: knowledge.clone(),
             front: Some(Follower::new(&config.filter(MotionSettings::resting()), Resting::default(), knowledge)),
             unrest: Unrest::default(),
+            ringing: Ringing::new(knowledge.calibrated.whisker.whisker.damping_s),
             base: Pose::identity(),
             elapsed_s: 0.0,
             readings: Readings::default(),
@@ -278,7 +283,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let likeliest = self.modes.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
         let near_m = likeliest.map(|mode| mode.near.along_m);
         let front = new.front.map(|front| front.slipped(near_m, self.unrest));
-        Self { unrest: self.unrest, log_evidence: self.log_evidence.anew(), front, ..new }
+        Self { unrest: self.unrest, ringing: self.ringing, log_evidence: self.log_evidence.anew(), front, ..new }
     }
 
     /// Begins a touch of a known object: its contact is sought from the place of the last one.
@@ -315,6 +320,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 log_weight: weight.ln(),
                 near: Around::of_state(&x),
                 tilt: (0.0, 0.0),
+                oscillation_rad_s: Place::new(&self.side, Around::of_state(&x))?.plane_rad_s(&self.side)?,
             })
         };
         beliefs.take(self.config.modes).filter_map(mode).collect()
@@ -438,7 +444,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
         let mut slopes = SMatrix::<f64, N, N>::identity();
-        let (of_contact, of_tilt) = mode.about.contact_slopes(model, &motion, &found);
+        let (of_contact, of_tilt, here) = mode.about.contact_slopes(model, &motion, &found);
         slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
         slopes[(TILT, TILT)] = 0.0;
         // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
@@ -451,12 +457,14 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         by_tilt.fixed_rows_mut::<3>(0).copy_from(&of_tilt);
         by_tilt[TILT] = 1.0;
 
+        let contact = (&place, &found.1, &here);
+        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, &self.ringing.response());
         // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
         let decay = (-sample.dt_s / TILT_S).exp();
-        let variance = place.tilt_sd_rad(side, &self.unrest.second).powi(2);
+        let variance = inertial.sd_rad().powi(2);
         let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
-        let inertial_rad = place.tilt_rad(side, &self.unrest.acceleration_m_s2);
-        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial_rad;
+        mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
+        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial.rad;
         let at = Around::of_state(&(state + by_tilt * tilt_rad));
         let (expected_n_m, by_contact) = side.expect(at);
         let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
@@ -488,6 +496,22 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.log_evidence.since += evidence;
         if let Some(round) = &mut self.round {
             round.since += evidence;
+        }
+    }
+
+    /// Sets the frequency of the oscillation to that at the likeliest contact.
+    fn tune(&mut self) {
+        let rad_s = match &self.front {
+            Some(front) => {
+                let likeliest = front.hypotheses().max_by(|a, b| a.1.total_cmp(&b.1));
+                let place = likeliest.and_then(|(belief, _)| Place::new(&self.side, Around::of_state(&belief.mean)));
+                place.and_then(|place| place.plane_rad_s(&self.side))
+            }
+            // The modes are sorted by weight.
+            None => self.modes.first().map(|mode| mode.oscillation_rad_s),
+        };
+        if let Some(rad_s) = rad_s {
+            self.ringing.set_frequency(rad_s);
         }
     }
 
@@ -550,6 +574,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        self.ringing.advance(sample);
         let is_first = std::mem::replace(&mut self.is_first, false);
         if is_first {
             self.approach();
@@ -560,8 +585,10 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         };
         // The reading of the touch itself was detected by its size.
         if !is_first {
-            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, self.unrest));
+            let (acceleration2, response) = (self.unrest.second.trace(), self.ringing.response());
+            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, acceleration2, response));
         }
+        self.tune();
         match &self.front {
             Some(front) if self.modes.is_empty() => {
                 if self.elapsed_s >= self.config.start_s {
@@ -599,6 +626,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        self.ringing.advance(sample);
         if self.is_fitted() {
             self.base = sample.motion.inverse().then(&self.base);
         } else if has_touched {
@@ -610,7 +638,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     }
 
     fn forget(&mut self) {
-        *self = Self { unrest: self.unrest, ..Self::new(&self.config, self.model, &self.knowledge) };
+        *self =
+            Self { unrest: self.unrest, ringing: self.ringing, ..Self::new(&self.config, self.model, &self.knowledge) };
         if let Some(front) = &mut self.front {
             front.set_unrest(self.unrest);
         }

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 use crate::frames::{Base, Start};
-use crate::space::estimators::follower::Unrest;
+use crate::space::estimators::ringing::Response;
 use crate::space::frames::{Pose, rotation_vector};
 
 /// Largest displacement and rotation of the base among readings that are averaged, as long as they are few.
@@ -30,15 +30,32 @@ pub(super) struct Mean {
     pub(super) count: f64,
     duration_s: f64,
     stays: f64,
-    /// Mean of the base's recent acceleration and of its second moment.
-    pub(super) unrest: Unrest,
+    /// Mean square of the base's recent acceleration (m2/s4), and mean response of the wire.
+    pub(super) acceleration2: f64,
+    pub(super) response: Response,
 }
 
 impl Mean {
     /// A single reading.
-    pub(super) fn new(base: Pose<Base, Start>, reading_n_m: Vector2<f64>, duration_s: f64, unrest: Unrest) -> Self {
+    pub(super) fn new(
+        base: Pose<Base, Start>,
+        reading_n_m: Vector2<f64>,
+        duration_s: f64,
+        acceleration2: f64,
+        response: Response,
+    ) -> Self {
         let (shift_m, turn_rad) = (Vector3::zeros(), Vector3::zeros());
-        Self { first: base, shift_m, turn_rad, reading_n_m, count: 1.0, duration_s, stays: 1.0, unrest }
+        Self {
+            first: base,
+            shift_m,
+            turn_rad,
+            reading_n_m,
+            count: 1.0,
+            duration_s,
+            stays: 1.0,
+            acceleration2,
+            response,
+        }
     }
 
     /// Mean pose of the base.
@@ -68,9 +85,8 @@ impl Mean {
         self.shift_m += (shift_m - self.shift_m) * share;
         self.turn_rad += (turn_rad - self.turn_rad) * share;
         self.reading_n_m += (other.reading_n_m - self.reading_n_m) * share;
-        self.unrest.second += (other.unrest.second - self.unrest.second) * share;
-        let (here, there) = (&mut self.unrest.acceleration_m_s2, other.unrest.acceleration_m_s2);
-        *here += (there - *here) * share;
+        self.acceleration2 += (other.acceleration2 - self.acceleration2) * share;
+        self.response.include(&other.response, share);
         self.duration_s += other.duration_s;
         self.stays = self.stays.max(other.stays);
         self.count = count;
@@ -154,7 +170,7 @@ mod tests {
 
     fn reading(x_m: f64, turn_rad: f64, reading_n_m: f64) -> Mean {
         let base = Pose::new(Vector3::x() * x_m, Rotation3::new(Vector3::z() * turn_rad));
-        Mean::new(base, Vector2::new(reading_n_m, 0.0), 4e-3, Unrest::default())
+        Mean::new(base, Vector2::new(reading_n_m, 0.0), 4e-3, 0.0, Response::default())
     }
 
     #[test]
@@ -188,7 +204,7 @@ mod tests {
         let base = Pose::new(Vector3::zeros(), rounded);
         let mut readings = Readings::default();
         for _ in 0..3 {
-            readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, Unrest::default()));
+            readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, 0.0, Response::default()));
         }
         assert!(readings.means()[0].base().rotation().iter().all(|entry| entry.is_finite()));
     }

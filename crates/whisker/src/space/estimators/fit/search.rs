@@ -1,7 +1,7 @@
 //! Search for the object that explains the readings, by the Levenberg-Marquardt method, a few readings per step.
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector};
+use nalgebra::{Matrix2, Matrix2x4, SMatrix, SVector};
 
 use super::readings::Mean;
 use crate::RestShape;
@@ -26,9 +26,8 @@ pub(super) const MOST_TRIALS: usize = 5;
 /// The same for a search that begins again from one of the first starts.
 pub(super) const START_TRIALS: usize = 12;
 
-/// Relative standard deviation of the tilt by inertia, the same at all contacts: near the natural frequency of the wire along the
-/// surface, the tilt exceeds that under an acceleration that changes slowly. Where the base moves to and fro, this tilt looks like
-/// another curvature of the object.
+/// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency. Where
+/// the base moves to and fro, this tilt looks like another curvature of the object.
 const INERTIA_SD: f64 = 0.4;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
@@ -47,7 +46,7 @@ pub(super) struct Quadratic<const N: usize> {
     curvature: SMatrix<f64, N, N>,
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
     /// extrapolation, that of the tilt, and that of the tilt by inertia.
-    pull: SMatrix<f64, N, 5>,
+    pull: SMatrix<f64, N, 4>,
 }
 
 impl<const N: usize> Quadratic<N> {
@@ -125,18 +124,18 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         };
         let place = &found.0;
         *near = place.at;
-        let (slopes, by_tilt) = about.contact_slopes(*shape, &motion, &found);
-        let tilt_rad = place.tilt_rad(side, &mean.unrest.acceleration_m_s2);
-        let (expected_n_m, by_contact) = side.expect(Around::of_state(&(near.vector() + by_tilt * tilt_rad)));
+        let (slopes, by_tilt, here) = about.contact_slopes(*shape, &motion, &found);
+        let inertial = about.inertial_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
+        let (expected_n_m, by_contact) = side.expect(Around::of_state(&(near.vector() + by_tilt * inertial.rad)));
         let slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration of a stay, its variance with the square.
         let repeats = 1.0 + (mean.stay_s() / (2.0 * TILT_S)).powi(2);
-        let by_inertia = by_contact * by_tilt * (tilt_rad * INERTIA_SD);
-        let by_tilt = by_contact * by_tilt * place.tilt_sd_rad(side, &mean.unrest.second);
+        let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
+        let by_tilt = by_contact * by_tilt * inertial.sd_rad();
         let model = side.model_covariance_n2_m2(*near);
         let of_mean = model + side.other_covariance_n2_m2(*near, mean.count);
-        let mut covariance = of_mean + by_tilt * by_tilt.transpose() / repeats;
-        let inertia = side.inertia_n_m(*near, mean.unrest.second.trace().sqrt()).powi(2) / repeats;
+        let mut covariance = of_mean + by_tilt * by_tilt.transpose();
+        let inertia = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
         (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);
         let Some(factor) = covariance.cholesky() else { return false };
         let residual = expected_n_m - mean.reading_n_m;
@@ -147,8 +146,8 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
         let model = model.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
         let beyond = side.beyond_n_m(*near);
-        let common = [model.column(0).into(), model.column(1).into(), beyond, by_tilt / repeats.sqrt(), by_inertia];
-        quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x5::from_columns(&common))) * weight;
+        let common = [model.column(0).into(), model.column(1).into(), beyond, by_inertia];
+        quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x4::from_columns(&common))) * weight;
         true
     }
 }

@@ -18,7 +18,8 @@ use super::side::Side;
 use super::{Estimate, Knowledge, Radius, Sample};
 use crate::settings::{SettingsError, within};
 use line::Line;
-use rolling::{Axes, Place};
+use rolling::Axes;
+pub(super) use rolling::Place;
 
 use patch::Patch;
 use sphere::Sphere;

@@ -18,6 +18,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::frames::Base;
 use crate::space::estimators::Sample;
+use crate::space::estimators::ringing::{self, Masses, Response};
 use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::{Around, Directions};
@@ -37,6 +38,10 @@ pub(in crate::space::estimators) const TILT_S: f64 = 0.05;
 /// normal makes the contact and the wire slide. Chosen on random scenes in space that are not reported.
 const SLIDING_SHARE: f64 = 0.3;
 
+/// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
+/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
+const UNKNOWN_SHARE: f64 = 0.4;
+
 /// Smallest and largest standard deviation of the tilt, and that at the touch.
 const LEAST_TILT_RAD: f64 = 5e-4;
 const MOST_TILT_RAD: f64 = 0.3;
@@ -48,6 +53,9 @@ pub(in crate::space::estimators) const TILT: usize = 3;
 /// Steps of the differences: lengths, and angles or logarithms.
 const STEP_M: f64 = 1e-7;
 const STEP: f64 = 1e-6;
+
+/// Square of the time (s2) in which an acceleration displaces an object for a difference.
+const STEP_S2: f64 = 1e-6;
 
 /// Number of parts of a motion in which a contact is followed.
 const PARTS: usize = 8;
@@ -63,6 +71,22 @@ pub(in crate::space::estimators) struct Place {
     /// Directions of the equilibrium, and the axes that they give.
     directions: Directions,
     untilted: Axes,
+}
+
+/// Tilt of the normal by the inertia of the wire.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::space::estimators) struct InertialTilt {
+    /// At the present instant.
+    pub(in crate::space::estimators) rad: f64,
+    /// Amplitude of its oscillation.
+    amplitude_rad: f64,
+}
+
+impl InertialTilt {
+    /// Standard deviation of the part of the oscillation that is unknown.
+    pub(in crate::space::estimators) fn sd_rad(&self) -> f64 {
+        (UNKNOWN_SHARE * self.amplitude_rad).max(LEAST_TILT_RAD)
+    }
 }
 
 /// Axes at a contact: normal of the touched surface, tangent of the wire, and the direction across both.
@@ -117,14 +141,23 @@ impl Place {
         let across = self.axes(0.0).across;
         let second = across.dot(&(unrest * across)) + SLIDING_SHARE.powi(2) * unrest.trace();
         let acceleration_m_s2 = second.max(0.0).sqrt();
-        (side.effective_mass_kg(self.at) * acceleration_m_s2 / self.directions.force_n)
+        (side.masses(self.at).whole_kg * acceleration_m_s2 / self.directions.force_n)
             .clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
     }
 
-    /// Tilt under a slowly varying acceleration of the base: the inertia of the wire pulls it along the surface.
-    pub(in crate::space::estimators) fn tilt_rad(&self, side: &Side, acceleration_m_s2: &Vector3<f64>) -> f64 {
-        let along_m_s2 = self.axes(0.0).across.dot(acceleration_m_s2);
-        (side.effective_mass_kg(self.at) * along_m_s2 / self.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+    /// Angular frequency of the wire's oscillation along a surface on which a tilt displaces the contact by `by_tilt`, in the
+    /// coordinates about the whisker per radian ([`ringing`]).
+    pub(in crate::space::estimators) fn oscillation_rad_s(&self, side: &Side, by_tilt: &Vector3<f64>) -> f64 {
+        let displaced_m = self.untilted.across.dot(&(self.slopes * by_tilt)).abs();
+        (self.directions.force_n / (side.masses(self.at).bent_kg * displaced_m)).sqrt()
+    }
+
+    /// The same on a plane. `None` if the derivatives vanish.
+    pub(in crate::space::estimators) fn plane_rad_s(&self, side: &Side) -> Option<f64> {
+        let across = self.untilted.across;
+        let along_m = self.slopes.try_inverse()? * across;
+        let turned = across.dot(&(self.directions.normal_slopes * along_m));
+        Some(self.oscillation_rad_s(side, &(along_m / turned)))
     }
 
     /// Derivatives of the tilted normal by the coordinates about the whisker.
@@ -245,13 +278,14 @@ impl<const N: usize> Neighbours<N> {
     }
 
     /// Derivatives of the coordinates of a contact with the moved object by the state, except for its tilt, and by the tilt at the
-    /// present instant. By differences to one side, whose error is far below that of the model.
+    /// present instant; and the residual of the equations at the contact. By differences to one side, whose error is far below that
+    /// of the model.
     pub(in crate::space::estimators) fn contact_slopes<Object: Shape<N>>(
         &self,
         shape: &Object,
         motion: &Pose<Base, Base>,
         (found, inverse): &(Place, Matrix3<f64>),
-    ) -> (SMatrix<f64, 3, N>, Vector3<f64>) {
+    ) -> (SMatrix<f64, 3, N>, Vector3<f64>, Vector3<f64>) {
         let mut slopes = SMatrix::<f64, 3, N>::zeros();
         let here = shape.residual(&self.object(shape, motion, 0.0), found);
         for (i, ([(x, place), _], share)) in self.sides.iter().enumerate().filter(|(i, _)| *i != TILT) {
@@ -259,7 +293,29 @@ impl<const N: usize> Neighbours<N> {
             slopes.set_column(i, &(inverse * (here - ahead) * (2.0 * share)));
         }
         let tilted = shape.residual(&self.object(shape, motion, STEP), found);
-        (slopes, inverse * (here - tilted) / STEP)
+        (slopes, inverse * (here - tilted) / STEP, here)
+    }
+
+    /// Tilt of the normal at a contact by the inertia of the wire ([`ringing`]), and the amplitude of its oscillation. `here` is the
+    /// residual of the equations at the contact.
+    pub(in crate::space::estimators) fn inertial_tilt<Object: Shape<N>>(
+        &self,
+        side: &Side,
+        shape: &Object,
+        motion: &Pose<Base, Base>,
+        (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
+        response: &Response,
+    ) -> InertialTilt {
+        let Masses { whole_kg, bent_kg } = side.masses(found.at);
+        let tilt_rad = |of_base| {
+            let moved = motion.then(&ringing::displaced(of_base, STEP_S2));
+            let ahead = shape.residual(&self.object(shape, &moved, 0.0), found);
+            let relative_m_s2 = found.slopes * (inverse * (here - ahead)) / STEP_S2;
+            let force_n = ringing::acceleration_m_s2(of_base, &found.contact) * whole_kg + relative_m_s2 * bent_kg;
+            (found.untilted.across.dot(&force_n) / found.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+        };
+        let rad = tilt_rad(&response.now);
+        InertialTilt { rad, amplitude_rad: rad.hypot(tilt_rad(&response.apart)) }
     }
 
     /// The stable contact with an object after the base's motion, sought from `near`, then from the place that it has if it rests,
