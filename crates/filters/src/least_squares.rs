@@ -40,6 +40,8 @@ use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::cholesky;
+
 /// Quadratic approximation `c + g' d + d' H d / 2` of a cost about a state, for a step `d`.
 #[derive(Clone, Debug)]
 pub struct Quadratic {
@@ -55,7 +57,7 @@ impl Quadratic {
     /// Covariance `H^-1` of the unknowns at a minimum, for residuals of unit variance or weighted by their inverse
     /// variance. `None` unless `H` is positive definite.
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
-        Some(self.curvature.clone().cholesky()?.inverse())
+        Some(cholesky(self.curvature.clone())?.inverse())
     }
 
     /// Step `d` of `(H + lambda D) d = -g` by a Cholesky factorisation, where `D` is the diagonal of `H` with its zeros
@@ -67,7 +69,7 @@ impl Quadratic {
             let curvature = damped[(i, i)];
             damped[(i, i)] = if curvature == 0.0 { damping } else { curvature * (1.0 + damping) };
         }
-        Some(-damped.cholesky()?.solve(&self.gradient))
+        Some(-cholesky(damped)?.solve(&self.gradient))
     }
 }
 

@@ -94,6 +94,7 @@ use fearless_simd::Level;
 pub mod bank;
 pub mod batch;
 pub mod bound;
+mod cholesky;
 pub mod extended;
 mod gaussian;
 pub mod imm;
@@ -110,6 +111,7 @@ mod state_array;
 pub mod unscented;
 
 pub use bank::Bank;
+pub use cholesky::cholesky;
 pub use gaussian::{Gaussian, Innovation, UpdateError};
 pub use matrix::{congruence, product};
 pub use model::{ConstantNoise, Measurement, Process};

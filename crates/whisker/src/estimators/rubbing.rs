@@ -44,7 +44,10 @@ struct OfRubbing {
 }
 
 pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
-    Ok(Box::new(OfRubbing { config: parse(config)?, knowledge: knowledge.clone() }))
+    let config = parse(config)?;
+    // Fitted here, so that no step has to.
+    knowledge.faces.iter().for_each(|face| _ = face.lean(&knowledge.whisker));
+    Ok(Box::new(OfRubbing { config, knowledge: knowledge.clone() }))
 }
 
 impl Method for OfRubbing {

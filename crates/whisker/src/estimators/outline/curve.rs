@@ -102,6 +102,11 @@ impl Curve {
         ANCHOR + self.logs.len()
     }
 
+    /// Whether the state is the same as that of another curve.
+    pub(super) fn is_in_state_of(&self, other: &Self) -> bool {
+        (self.before, self.anchor, &self.logs) == (other.before, other.anchor, &other.logs)
+    }
+
     /// `u` of every cell.
     pub(super) fn logs(&self) -> &[f64] {
         &self.logs

@@ -1,6 +1,7 @@
 //! Fit of a curve to readings.
 
-use std::cell::Cell;
+use std::cell::RefCell;
+use std::ops::Range;
 
 use filters::least_squares::{Moves, Quadratic};
 use filters::robust::logarithmic_cost;
@@ -22,8 +23,58 @@ pub(super) struct Evidence<'a> {
     readings: &'a [Reading],
     prior: Prior,
     gate_sds: f64,
-    /// `tau` of each reading's contact with the curve that was computed last, from which the next one is sought.
-    near_m: &'a [Cell<f64>],
+    compared: &'a RefCell<Comparisons>,
+}
+
+/// A reading compared with a curve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Comparison {
+    pub(super) contact: Option<Contact>,
+    residual: Residual,
+    /// Whether the reading is that of the contact, not of a free whisker.
+    touches: bool,
+}
+
+/// Comparisons of the readings with one curve. A descent wants the derivatives where it has just computed the cost, and a search
+/// compares its result once more: the contacts, which take most of the time, are found once.
+pub(super) struct Comparisons {
+    curve: Option<Curve>,
+    /// Those of the first readings with this curve.
+    known: Vec<Comparison>,
+    /// `tau` of each reading's last contact, from which the next one is sought: successive curves differ little.
+    near_m: Vec<f64>,
+}
+
+impl Comparisons {
+    /// No comparisons of these readings yet.
+    pub(super) fn new(readings: &[Reading]) -> Self {
+        let near_m = readings.iter().map(|reading| reading.near_m).collect();
+        Self { curve: None, known: Vec::with_capacity(readings.len()), near_m }
+    }
+
+    /// The comparisons of some of the readings with a curve.
+    pub(super) fn with(
+        &mut self,
+        curve: &Curve,
+        side: &Side,
+        readings: &[Reading],
+        range: Range<usize>,
+    ) -> &[Comparison] {
+        if self.curve.as_ref().is_none_or(|known| !known.is_in_state_of(curve)) {
+            self.curve = Some(curve.clone());
+            self.known.clear();
+        }
+        let first = self.known.len();
+        for (reading, near_m) in readings.iter().zip(&mut self.near_m).take(range.end).skip(first) {
+            let contact = contact(side, &reading.base, curve, *near_m);
+            if let Some(contact) = &contact {
+                *near_m = contact.place.tau_m;
+            }
+            let (residual, touches) = Residual::of(side, reading, contact.as_ref());
+            self.known.push(Comparison { contact, residual, touches });
+        }
+        &self.known[range]
+    }
 }
 
 /// Difference between a reading and its prediction.
@@ -112,11 +163,11 @@ impl<'a> Evidence<'a> {
     pub(super) fn new(
         side: &'a Side,
         readings: &'a [Reading],
-        near_m: &'a [Cell<f64>],
+        compared: &'a RefCell<Comparisons>,
         prior: Prior,
         gate_sds: f64,
     ) -> Self {
-        Self { side, readings, prior, gate_sds, near_m }
+        Self { side, readings, prior, gate_sds, compared }
     }
 
     /// Adds the costs of the next readings to a tally, at most `most` of them. Returns their number.
@@ -139,15 +190,11 @@ impl<'a> Evidence<'a> {
     fn each(&self, curve: &Curve, tally: &mut Tally, most: usize, mut take: impl FnMut(&Contact, f64, f64)) -> usize {
         let before = tally.count;
         tally.count = self.readings.len().min(before.saturating_add(most));
-        for (reading, near_m) in self.readings[before..tally.count].iter().zip(&self.near_m[before..tally.count]) {
-            let contact = contact(self.side, &reading.base, curve, near_m.get());
-            if let Some(contact) = &contact {
-                near_m.set(contact.place.tau_m);
-            }
-            let (residual, touches) = Residual::of(self.side, reading, contact.as_ref());
-            let (cost, weight) = residual.robust(self.gate_sds);
-            if let Some(contact) = contact.as_ref().filter(|_| touches) {
-                take(contact, residual.residual_n_m, weight);
+        let mut compared = self.compared.borrow_mut();
+        for found in compared.with(curve, self.side, self.readings, before..tally.count) {
+            let (cost, weight) = found.residual.robust(self.gate_sds);
+            if let Some(contact) = found.contact.as_ref().filter(|_| found.touches) {
+                take(contact, found.residual.residual_n_m, weight);
             }
             tally.cost += cost;
         }

@@ -3,15 +3,15 @@
 //! A search starts from the last curve. It may try further ways: the cost is not convex, and a descent by way of another
 //! prior can end in a better minimum. It works on the readings at its start; later ones count for the next search.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 
+use filters::cholesky;
 use filters::least_squares::{Damping, Method, Minimisation, Settings, Wanted};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::contact::contact;
 use super::curve::{Curve, PITCH_M};
-use super::fit::{Evidence, Tally};
+use super::fit::{Comparisons, Evidence, Tally};
 use super::prior::Prior;
 use super::readings::Reading;
 use crate::estimators::side::Side;
@@ -45,8 +45,8 @@ const SETTINGS: Settings = Settings {
     step: 0.0,
 };
 
-/// Work of one step of an estimator on a search, in comparisons of a reading with a curve, of about half a microsecond each, and
-/// the same for an urgent search.
+/// Work of one step of an estimator on a search, in comparisons of a reading with a curve, of about half a microsecond each if the
+/// contact is not known yet, and the same for an urgent search.
 const WORK: usize = 100;
 const URGENT_WORK: usize = 8000;
 
@@ -57,7 +57,7 @@ const SEARCH_WORK: usize = 40;
 const DERIVATIVES_WORK: usize = 2;
 
 /// Work of the solution of the equations of a step for a number of unknowns, whose factorisation takes a time in proportion to the
-/// third power of the number. Like [`column_work`], from the number of multiplications, of a third of a nanosecond each.
+/// third power of the number. Like [`column_work`], an upper bound, from the time on processors with narrow registers.
 fn solution_work(unknowns: usize) -> usize {
     30 + unknowns.pow(3) / 4500
 }
@@ -118,8 +118,8 @@ pub(super) struct Search {
     effort: Effort,
     haste: Haste,
     readings: Vec<Reading>,
-    /// `tau` of each reading's contact with the curve that was computed last: successive curves differ little.
-    near_m: Vec<Cell<f64>>,
+    /// The readings compared with the curve that was computed last.
+    compared: RefCell<Comparisons>,
     /// Ways that remain, the next one last.
     ways: Vec<Way>,
     /// The most probable curve so far, and its cost.
@@ -145,7 +145,7 @@ enum Stage {
 /// Inversion of a matrix, some columns at a time.
 struct Inversion {
     factor: Cholesky<f64, Dyn>,
-    /// The identity, of which the first columns have been replaced by those of the inverse.
+    /// The identity, of which the first columns have been replaced by the lower triangle of the inverse.
     columns: DMatrix<f64>,
     /// Number of these.
     count: usize,
@@ -198,7 +198,7 @@ impl Search {
             effort,
             haste,
             readings: readings.to_vec(),
-            near_m: readings.iter().map(|reading| Cell::new(reading.near_m)).collect(),
+            compared: RefCell::new(Comparisons::new(readings)),
             ways: Vec::new(),
             best: (from.curve.clone(), f64::INFINITY),
             touched_m: from.touched_m,
@@ -252,7 +252,7 @@ impl Search {
     }
 
     fn evidence<'a>(&'a self, side: &'a Side, prior: Prior) -> Evidence<'a> {
-        Evidence::new(side, &self.readings, &self.near_m, prior, self.gate_sds)
+        Evidence::new(side, &self.readings, &self.compared, prior, self.gate_sds)
     }
 
     /// Extends or trims the curve to the range of all readings.
@@ -260,12 +260,10 @@ impl Search {
         let before = length.count;
         length.count = self.readings.len().min(before.saturating_add(most));
         let curve = &mut self.best.0;
-        for (reading, near_m) in self.readings.iter().zip(&self.near_m).take(length.count).skip(before) {
-            if let Some(contact) = contact(side, &reading.base, curve, near_m.get()) {
-                near_m.set(contact.place.tau_m);
-                length.low_m = length.low_m.min(contact.place.tau_m);
-                length.high_m = length.high_m.max(contact.place.tau_m);
-            }
+        let compared = self.compared.get_mut().with(curve, side, &self.readings, before..length.count);
+        for contact in compared.iter().filter_map(|found| found.contact.as_ref()) {
+            length.low_m = length.low_m.min(contact.place.tau_m);
+            length.high_m = length.high_m.max(contact.place.tau_m);
         }
         let work = length.count - before;
         let Length { count, low_m, high_m, rounds, is_last } = length;
@@ -374,7 +372,7 @@ impl Search {
             return ControlFlow::Continue((Stage::Information(tally), most));
         }
         let (quadratic, pull) = evidence.approximation(curve, tally);
-        let Some(factor) = quadratic.curvature.cholesky() else { return self.conclude(unknown(curve)) };
+        let Some(factor) = cholesky(quadratic.curvature) else { return self.conclude(unknown(curve)) };
         let (shift, columns) = (factor.solve(&pull), unknown(curve));
         let inversion = Inversion { factor, columns, count: 0, shift };
         ControlFlow::Continue((Stage::Covariance(Box::new(inversion)), work + solution_work))
@@ -385,11 +383,17 @@ impl Search {
         let Inversion { factor, columns, count, shift } = &mut *inversion;
         let (size, column_work) = (columns.ncols(), column_work(columns.ncols()));
         let added = (most / column_work).clamp(1, size - *count);
-        factor.solve_mut(&mut columns.columns_mut(*count, added));
+        // Entries above the diagonal are those below it, and those below it depend on the rest of the factor alone.
+        for j in *count..*count + added {
+            let (rest, mut column) = (factor.l_dirty().view_range(j.., j..), columns.view_range_mut(j.., j));
+            rest.solve_lower_triangular_unchecked_mut(&mut column);
+            rest.ad_solve_lower_triangular_unchecked_mut(&mut column);
+        }
         *count += added;
         if *count < size {
             return ControlFlow::Continue((Stage::Covariance(inversion), most));
         }
+        columns.fill_upper_triangle_with_lower_triangle();
         columns.ger(1.0, shift, shift, 1.0);
         let covariance = std::mem::take(columns);
         self.conclude(covariance)
@@ -411,6 +415,7 @@ fn waits(work: usize, solution_work: usize, most: usize) -> bool {
 mod tests {
     use super::*;
     use crate::estimators::Knowledge;
+    use crate::estimators::outline::contact::contact;
     use crate::estimators::testing::knowledge;
     use crate::frames::Pose;
 
