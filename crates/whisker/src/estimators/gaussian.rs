@@ -12,10 +12,11 @@ use serde_json::Value;
 use super::doubt::{Doubt, Search};
 use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
+use super::regained::{Regained, Unknown};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
 use super::systematic::{Systematic, SystematicSettings};
-use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker, to_json};
+use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker, Undetected, to_json};
 use crate::frames::{Base, Point, Pose, Start as FirstBase};
 use crate::sensor::AlongAway;
 use crate::settings::{Settings, SettingsError, parse, within};
@@ -255,6 +256,10 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     systematic: Systematic<N>,
     /// Whether the contact was lost at the tip.
     is_lost: bool,
+    /// Whether a contact that was lost, or has passed the tip, is on the side again.
+    regained: Regained,
+    /// Whether the readings showed a contact with the known object before this touch was detected.
+    continues: bool,
     /// Whether the contact was certain to be on the whisker's side during this touch. Until then readings at the tip are not left
     /// out: the first belief may lie beyond the whisker's end only because it is wide.
     was_on_side: bool,
@@ -286,6 +291,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             inertia: Inertia::new(&knowledge.whisker),
             systematic: Systematic::new(touch.face.largest_reading_n_m),
             is_lost: false,
+            regained: Regained::default(),
+            continues: false,
             was_on_side: false,
             is_past_tip: false,
             stated: None,
@@ -306,7 +313,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     fn begin(&self, touch: &Sample) -> Bank<N> {
         let mut bank = Bank::new(self.anywhere(touch, self.contact_prior));
         if let Some(kept) = self.kept_until(touch) {
-            bank.add(kept.hypotheses().iter().map(|one| (one.belief, one.weight().ln())), self.config.kept_share);
+            let share =
+                if self.continues { self.config.kept_share.max(CONTINUED_SHARE) } else { self.config.kept_share };
+            bank.add(kept.hypotheses().iter().map(|one| (one.belief, one.weight().ln())), share);
         }
         let way_m = self.config.onset_way_m;
         for Earlier { sample, count, .. } in earlier(&self.history, touch, self.noise_sd_n_m, way_m) {
@@ -439,7 +448,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let predicted = bank.moments()?;
         let leading = bank.most_probable()?.belief;
         let at = AlongAway::of_state(&leading.mean);
-        if self.config.corrected && self.has_passed(at, &predicted, sample) {
+        if self.config.corrected && self.has_passed(&leading, &predicted, sample, count) {
             self.systematic.wait(sample.dt_s);
             self.bank = Some(bank);
             return Some(Advance { predicted, filtered: predicted, innovation: None });
@@ -479,10 +488,15 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         Some(Advance { predicted, filtered, innovation })
     }
 
-    /// Whether the contact has reached the tip, so that the reading of a sample is left out.
-    fn has_passed(&mut self, at: AlongAway, predicted: &Gaussian<N>, sample: &Sample) -> bool {
+    /// Whether the contact has reached the tip, so that the mean reading of `count` samples is left out.
+    fn has_passed(&mut self, leading: &Gaussian<N>, predicted: &Gaussian<N>, sample: &Sample, count: f64) -> bool {
+        let at = AlongAway::of_state(&leading.mean);
         if self.is_lost || self.is_past_tip {
-            return true;
+            if !self.is_regained(leading, sample, count) {
+                return true;
+            }
+            (self.is_lost, self.is_past_tip) = (false, false);
+            (self.regained, self.doubt) = (Regained::default(), Doubt::default());
         }
         let length_m = self.side.face.rest.length_m();
         let mean = AlongAway::of_state(&predicted.mean);
@@ -495,7 +509,23 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         // deflection, the belief may drift beyond the end too.
         let is_loaded = sample.reading_n_m.abs() > LOADED_SDS * self.side.variance_n2_m2(at).sqrt();
         self.is_past_tip = self.was_on_side && is_loaded && mean.away_m > 0.0 && arc_m - TIP_SDS * sd_m >= length_m;
+        self.regained = Regained::default();
         self.was_on_side
+    }
+
+    /// Whether a contact that was lost is where the belief predicts it, by the mean reading of `count` samples.
+    fn is_regained(&mut self, belief: &Gaussian<N>, sample: &Sample, count: f64) -> bool {
+        let at = AlongAway::of_state(&belief.mean);
+        let reading = self.reading().with_error(self.error_sd_n_m(at, 0.0)).of_mean(count);
+        let is_on_side = at.away_m > 0.0 && !self.side.is_tip(at);
+        let linearised = reading.linearised_with_noise(&belief.mean).filter(|_| is_on_side);
+        let innovation = linearised.and_then(|(expected, h, noise)| {
+            let variance = product(&product(&h, &belief.covariance), &h.transpose()) + noise;
+            Innovation::of(Vector1::new(sample.reading_n_m - expected.x), variance)
+        });
+        let unknown =
+            Unknown { noise_n2_m2: self.noise_sd_n_m.powi(2) / count, largest_n_m: self.side.face.largest_reading_n_m };
+        self.regained.next(sample.dt_s, sample.reading_n_m, innovation.as_ref(), &unknown)
     }
 
     /// Part of the reading that is caused by the inertia of the wire.
@@ -521,6 +551,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let reach_m = self.side.bent_arc_m(AlongAway::of_state(&belief.mean)) + TIP_SDS * sd_m;
         let slipping_m = self.side.face.domain.arc_range_m().1.max(NEAR_TIP_SHARE * self.side.face.rest.length_m());
         self.is_lost |= self.config.corrected && sd_m < SETTLED_SD_M && reach_m >= slipping_m;
+        self.regained = Regained::default();
         !self.is_lost
     }
 
@@ -652,6 +683,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     }
 }
 
+/// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
+const CONTINUED_SHARE: f64 = 0.99;
+
 /// A place that the contact has left.
 struct Left<const N: usize> {
     /// Belief of a contact there at the present pose of the base.
@@ -770,10 +804,26 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         Some(jacobian * self.systematic.of_place_m2(settings) * jacobian.transpose())
     }
 
+    /// The belief is one of before the release, as at a new touch.
+    fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+        let kept = self.settled.as_ref().filter(|_| self.config.kept_share > 0.0 && !self.is_lost)?;
+        let mut belief = kept.bank.most_probable().filter(|most| most.weight() >= 0.5)?.belief;
+        let motion = kept.base.then(&undetected.base.inverse());
+        let since = Sample { motion, dt_s: self.time_s - kept.time_s + undetected.free_s, reading_n_m: 0.0 };
+        self.config.filter.predict(&mut belief, &self.motion.step(&self.side, &since)).ok()?;
+        let sample = Sample { motion, dt_s: undetected.dt_s, reading_n_m: undetected.reading_n_m };
+        if !belief.is_finite() || !self.is_regained(&belief, &sample, 1.0) {
+            return None;
+        }
+        let estimate = self.side.estimate(self.motion.radius(), &belief, None);
+        Some(self.motion.place(&self.side, &belief, estimate))
+    }
+
     /// Keeps the belief of the object beside that of a new one; the readings decide. A contact that was lost at the tip has left
     /// the whisker's side, and the belief describes no object.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         self.returned = None;
+        self.continues = std::mem::take(&mut self.regained).is_there();
         if self.config.kept_share == 0.0 || self.is_lost || touch.face.face != self.side.face.face {
             return false;
         }
@@ -905,7 +955,7 @@ mod tests {
     }
 
     #[test]
-    fn verif_past_the_tip_there_is_no_estimate_until_the_next_touch() {
+    fn verif_past_the_tip_there_is_no_estimate_until_the_contact_is_on_the_side_again() {
         let knowledge = knowledge();
         let touch = |before| Touch {
             face: &knowledge.faces[0],
@@ -920,14 +970,141 @@ mod tests {
         let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);
         let samples = drawn_back(&knowledge, 40e-3, 400);
         let stated: Vec<bool> = samples.iter().map(|sample| follower.step(sample).is_some()).collect();
-        let last = stated.iter().rposition(|&is| is).unwrap();
         assert!(stated[..80].iter().all(|&is| is), "{stated:?}");
-        // The tip is reached after 84 samples; the base turns back after 200.
+        // The tip is reached after 84 samples; the base turns back after 200, and the contact is on the side again after 316.
+        assert!(stated[100..316].iter().all(|&is| !is) && stated[330..].iter().all(|&is| is), "{stated:?}");
+    }
+
+    #[test]
+    fn verif_past_the_tip_a_reading_that_contradicts_the_belief_gives_no_estimate_until_the_next_touch() {
+        let knowledge = knowledge();
+        let touch = |before| Touch {
+            face: &knowledge.faces[0],
+            history: &[],
+            free_s: 0.0,
+            before,
+            contact_prior: None,
+            seed: 0,
+        };
+        let first = touch(Pose::new(0.0, 0.0, 0.0));
+        let motion = Round::of_any_scale().beyond_pin(first.face);
+        let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);
+        let samples = drawn_back(&knowledge, 40e-3, 400);
+        // The tip rests on the object all the way back, with another reading than a contact on the side would have.
+        let beyond_n_m = 0.5 * samples[200].reading_n_m;
+        let held = |(i, sample): (usize, &Sample)| Sample {
+            reading_n_m: if i < 200 { sample.reading_n_m } else { beyond_n_m },
+            ..*sample
+        };
+        let stated: Vec<bool> =
+            samples.iter().enumerate().map(|sample| follower.step(&held(sample)).is_some()).collect();
+        let last = stated.iter().rposition(|&is| is).unwrap();
         assert!((80..100).contains(&last) && follower.is_past_tip, "{last}");
         // By then the belief predicts a contact on the side again.
         let belief = follower.bank.as_ref().unwrap().most_probable().unwrap().belief;
         assert!(!follower.side.is_tip(AlongAway::of_state(&belief.mean)));
         assert!(follower.resume(&touch(follower.base)) && !follower.is_past_tip);
         assert!(follower.step(&samples[0]).is_some());
+    }
+
+    /// A whisker that moves to and fro on a thin object at rest.
+    struct Scene {
+        elastica: Elastica,
+        thin: Circle,
+    }
+
+    impl Scene {
+        fn base(i: usize) -> Pose<Base, World> {
+            let t = i as f64 / 15.0;
+            Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin())
+        }
+
+        /// Contact and reading at a sample.
+        fn exact(&self, i: usize) -> (Point<Base>, f64) {
+            let found = self.elastica.against(&self.thin, &Self::base(i), Face::Left).unwrap().unwrap().deflection;
+            (found.point, found.moment_n_m)
+        }
+    }
+
+    /// A scene, and a follower of its contact after 150 samples.
+    fn settled(knowledge: &Knowledge) -> (Follower<Extended, Round, 4>, Scene) {
+        let thin = Circle { center: Point::from_vector(knowledge.rest.beside(0.058, -4e-3).vector()), radius_m: 1e-4 };
+        let scene = Scene { elastica: Elastica::new(&knowledge.whisker).unwrap(), thin };
+        let touch = Touch {
+            face: &knowledge.faces[0],
+            history: &[],
+            free_s: 0.0,
+            before: Pose::new(0.0, 0.0, 0.0),
+            contact_prior: None,
+            seed: 0,
+        };
+        let motion = Round::of_any_scale().beyond_pin(touch.face);
+        let mut follower = Follower::new(Config::<Extended>::round(), motion, &touch, knowledge);
+        for i in 0..=150_usize {
+            let motion = Scene::base(i.saturating_sub(1)).then(&Scene::base(i).inverse());
+            follower.step(&Sample { motion, dt_s: 4e-3, reading_n_m: scene.exact(i).1 });
+        }
+        (follower, scene)
+    }
+
+    #[test]
+    fn verif_a_touch_of_the_known_object_is_expected_before_it_is_detected() {
+        let knowledge = knowledge();
+        let (mut follower, scene) = settled(&knowledge);
+        let (base, exact) = (Scene::base, |i| scene.exact(i));
+        let mut expected = |pose: Pose<Base, World>, free_s: f64, reading_n_m: f64| {
+            let base = Pose::new(pose.origin().x(), pose.origin().y(), pose.yaw_rad());
+            follower.expect_touch(&Undetected { base, free_s, dt_s: 4e-3, reading_n_m })
+        };
+        let noise_n_m = |i: usize| knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8];
+        // The whisker is in front of the object, at a distance of a millimetre.
+        let in_front = Pose::new(0.0, -5e-3, 0.0);
+        assert!((0..50).all(|i| expected(in_front, 4e-3 * i as f64, noise_n_m(i)).is_none()));
+        // The object is not there any more.
+        assert!((0..50).all(|i| expected(base(i), 0.2, noise_n_m(i)).is_none()));
+        let touches: Vec<_> =
+            (151..180).map(|i| (expected(base(i), 0.4, exact(i).1 + noise_n_m(i)), exact(i).0)).collect();
+        for (estimate, contact) in &touches[5..] {
+            assert!(estimate.is_some_and(|estimate| estimate.contact.distance(contact) < 0.2e-3), "{estimate:?}");
+        }
+        assert!(expected(in_front, 0.6, 0.0).is_none());
+    }
+
+    #[test]
+    fn verif_a_touch_that_was_expected_begins_with_the_known_object() {
+        let knowledge = knowledge();
+        let worst_m = |is_expected: bool| {
+            let (mut follower, scene) = settled(&knowledge);
+            let (base, exact) = (Scene::base, |i| scene.exact(i));
+            let in_start = |i: usize| Pose::new(base(i).origin().x(), base(i).origin().y(), base(i).yaw_rad());
+            for i in 151..160 {
+                let reading_n_m = if is_expected { exact(i).1 } else { 0.0 };
+                let free_s = 4e-3 * (i - 150) as f64;
+                follower.expect_touch(&Undetected { base: in_start(i), free_s, dt_s: 4e-3, reading_n_m });
+            }
+            let (face, before) = (&knowledge.faces[0], in_start(159));
+            let touch = Touch { face, history: &[], free_s: 36e-3, before, contact_prior: None, seed: 0 };
+            assert!(follower.resume(&touch));
+            let motion = base(159).then(&base(160).inverse());
+            let estimate = follower.step(&Sample { motion, dt_s: 4e-3, reading_n_m: exact(160).1 }).unwrap();
+            estimate.covariance_m2.unwrap().trace().sqrt()
+        };
+        assert!(worst_m(true) < 0.3 * worst_m(false), "{} {}", worst_m(true), worst_m(false));
+    }
+
+    #[test]
+    fn regress_a_contact_that_was_lost_is_regained_where_the_readings_agree_with_it() {
+        let knowledge = knowledge();
+        let (mut follower, scene) = settled(&knowledge);
+        let (base, exact) = (Scene::base, |i| scene.exact(i));
+        follower.is_lost = true;
+        let mut step = |i: usize, reading_n_m: f64| {
+            follower.step(&Sample { motion: base(i - 1).then(&base(i).inverse()), dt_s: 4e-3, reading_n_m })
+        };
+        assert!((151..200).all(|i| step(i, 0.0).is_none()));
+        let regained: Vec<_> = (200..230).map(|i| (step(i, exact(i).1), exact(i).0)).collect();
+        for (estimate, contact) in &regained[5..] {
+            assert!(estimate.is_some_and(|estimate| estimate.contact.distance(contact) < 0.2e-3), "{estimate:?}");
+        }
     }
 }

@@ -24,6 +24,7 @@ mod motion;
 mod outline;
 mod paper;
 mod particle;
+mod regained;
 mod rubbing;
 mod second;
 mod shares;
@@ -280,6 +281,12 @@ pub trait Tracker: Send {
         false
     }
 
+    /// Estimate of a contact with the object of the last touch while none is detected, if the readings show that the whisker touches it
+    /// again. Takes every sample since the release. Default: none.
+    fn expect_touch(&mut self, _undetected: &Undetected) -> Option<Estimate> {
+        None
+    }
+
     /// Whether the readings have contradicted the convex outline that the tracker fitted to the present object, as they do if the
     /// object is not convex, moves, or is touched through a sensor with a wrong calibration.
     fn refutes_convexity(&self) -> bool {
@@ -366,6 +373,19 @@ pub struct Touch<'a> {
     pub seed: u64,
 }
 
+/// A sample after a release while no contact is detected.
+#[derive(Clone, Copy, Debug)]
+pub struct Undetected {
+    /// Pose of the base.
+    pub base: Pose<Base, Start>,
+    /// Time since the last sample of the last touch (s).
+    pub free_s: f64,
+    /// Time since the last sample (s).
+    pub dt_s: f64,
+    /// Bending moment at the root (N m).
+    pub reading_n_m: f64,
+}
+
 /// An estimation method.
 pub trait Method: Send + Sync {
     /// Begins to track a contact; the first sample that the tracker takes is that of the touch.
@@ -429,7 +449,8 @@ impl Runner {
 
     /// Takes the next sample in the order of time and, while the whisker touches, the side on which the object lies.
     /// `None` while the whisker is free, while the method has no estimate yet, at a gated reading, or on a face without
-    /// calibration.
+    /// calibration. While no contact is detected, there is an estimate if the method knows the object of the last touch and the
+    /// readings show that the whisker touches it again ([`Tracker::expect_touch`]).
     pub fn step(&mut self, sample: &Sample, touched: Option<Face>) -> Option<Estimate> {
         if !self.gate.admits(sample.reading_n_m) {
             self.miss(sample);
@@ -439,7 +460,7 @@ impl Runner {
         let Some(face) = touched else {
             self.release();
             self.remember(sample);
-            return None;
+            return self.expect_touch(sample);
         };
         self.follow(sample, face)
     }
@@ -521,6 +542,15 @@ impl Runner {
         self.history.push_back(*sample);
         self.free_s += sample.dt_s;
         self.base = sample.motion.inverse().then(&self.base);
+    }
+
+    /// Estimate of a contact that is not detected, with the object of the last touch.
+    fn expect_touch(&mut self, sample: &Sample) -> Option<Estimate> {
+        let undetected =
+            Undetected { base: self.base, free_s: self.free_s, dt_s: sample.dt_s, reading_n_m: sample.reading_n_m };
+        let mut estimate = self.released.as_mut()?.expect_touch(&undetected);
+        self.place(&mut estimate);
+        estimate
     }
 
     /// Adds a constant to the readings of the free whisker that are kept.
@@ -973,5 +1003,42 @@ mod tests {
             (0..3).for_each(|_| assert!(runner.step(&sample, Some(Face::Left)).is_none()));
         }
         assert_eq!(*waited_s.lock().unwrap(), [2.5, 5.0 * HISTORY as f64]);
+    }
+
+    /// A method that expects a touch a second after a release.
+    struct Expecting;
+
+    struct Expects(side::Side);
+
+    impl Method for Expecting {
+        fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+            Box::new(Expects(side::Side::new(touch.face, &testing::knowledge())))
+        }
+    }
+
+    impl Tracker for Expects {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+            let Undetected { base, free_s, .. } = undetected;
+            let at = Point::new(0.05, base.origin().y());
+            (*free_s >= 1.0).then(|| self.0.estimate_at(at, true, Matrix2::identity() * 1e-8, None))
+        }
+    }
+
+    #[test]
+    fn verif_a_contact_that_is_not_detected_may_be_expected_after_a_release() {
+        let mut runner = Runner::new(Box::new(Expecting), Arc::new(testing::knowledge()), 1);
+        let sample = Sample { motion: Pose::new(0.0, -1e-4, 0.0), dt_s: 0.25, reading_n_m: 1e-5 };
+        let mut step = |touched| runner.step(&sample, touched).map(|estimate| estimate.contact.y());
+        // Before the first touch no object is known.
+        assert!((0..10).all(|_| step(None).is_none()) && step(Some(Face::Left)).is_none());
+        let stated = [(); 5].map(|()| step(None));
+        assert!(stated[..3].iter().all(Option::is_none));
+        // After 15 samples, each of which moves the base by 0.1 mm.
+        assert!((stated[3].unwrap() - 15e-4).abs() < 1e-12 && stated[4].is_some(), "{stated:?}");
+        assert!(step(Some(Face::Left)).is_none() && step(None).is_none());
     }
 }

@@ -37,7 +37,7 @@ use super::systematic::SystematicSettings;
 use super::touched::TouchedPlaces;
 use super::{
     Ahead, ESTIMATORS, Estimate, EstimatorRow, FrictionCoefficient, Knowledge, Method, MethodClass, OutlinePoint,
-    Radius, Sample, Touch, Tracker, estimator,
+    Radius, Sample, Touch, Tracker, Undetected, estimator,
 };
 use crate::candidates::{LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
@@ -295,6 +295,7 @@ impl Method for ModelAveraging {
             has_begun: false,
             late: None,
             stated: None,
+            continues: false,
             weights,
         })
     }
@@ -359,6 +360,8 @@ struct AveragingTracker {
     late: Option<Latecomers>,
     /// Estimate at the mean of the last block.
     stated: Option<Estimate>,
+    /// Whether the readings show a contact with the object of the last touch while none is detected.
+    continues: bool,
 }
 
 impl AveragingTracker {
@@ -878,8 +881,22 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
+    /// None if the object probably moves.
+    fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+        // The candidates have not taken the samples of a block that has not ended.
+        let undetected = Undetected { free_s: undetected.free_s + self.blocks.pending_s(), ..*undetected };
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.expect_touch(&undetected)).collect();
+        self.continues = false;
+        if self.moving_share() > LIKELY_MOVING_SHARE {
+            return None;
+        }
+        let together = self.together(&estimates, None).map(|estimate| self.with_systematic(estimate, &estimates));
+        self.continues = together.is_some();
+        self.near_the_domain(together?)
+    }
+
     /// The object may be the last one or another with equal probability: the candidates' probabilities are the mean of those at
-    /// the release and the priors.
+    /// the release and the priors. If the readings showed the last one before the touch was detected, they remain those at the release.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         // The candidates have not taken the samples of a block that has not ended.
         let touch = &Touch { free_s: touch.free_s + self.blocks.pending_s(), ..*touch };
@@ -894,6 +911,9 @@ impl Tracker for AveragingTracker {
         self.doubtful.resume();
         self.moving = Moving::default();
         self.begin_again_with(touch);
+        if std::mem::take(&mut self.continues) {
+            return true;
+        }
         let total: f64 = self.weights.iter().sum();
         let halves = self.right.probabilities().iter().zip(&self.weights).map(|(share, weight)| share + weight / total);
         self.right = Modes::new(halves.collect::<Vec<_>>());
@@ -950,6 +970,7 @@ mod tests {
             has_begun: false,
             late: None,
             stated: None,
+            continues: false,
         }
     }
 
@@ -1115,6 +1136,42 @@ mod tests {
             tracker.trackers[0].outline().is_some()
         };
         assert!(has_restarted([0.4, 0.6]) && !has_restarted([0.6, 0.4]));
+    }
+
+    /// A candidate that shows a contact with the object of the last touch.
+    struct Expects(Option<Estimate>);
+
+    impl Tracker for Expects {
+        fn step(&mut self, _: &Sample) -> Option<Estimate> {
+            None
+        }
+
+        fn expect_touch(&mut self, _: &Undetected) -> Option<Estimate> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn verif_a_touch_that_was_expected_keeps_the_probabilities() {
+        let knowledge = knowledge();
+        let face = &knowledge.faces[0];
+        let side = Side::new(face, &knowledge);
+        let contact = face.contact_at(AlongAway::new(0.055, 3e-3));
+        let known = Some(side.estimate_at(contact, true, Matrix2::identity() * 1e-8, None));
+        let shares = |expected: Option<Estimate>| {
+            let mut tracker = tracker([0.5, 0.5], face);
+            tracker.right = Modes::new([0.9, 0.1]);
+            tracker.considered = vec![false, false];
+            tracker.methods = Arc::new([("one", Box::new(Anew)), ("other", Box::new(Anew))]);
+            tracker.trackers = vec![Box::new(Expects(expected)), Box::new(Expects(None))];
+            let base = Pose::new(0.0, 0.0, 0.0);
+            let stated = tracker.expect_touch(&Undetected { base, free_s: 0.1, dt_s: 4e-3, reading_n_m: 1e-5 });
+            assert_eq!(stated.map(|estimate| estimate.contact), expected.map(|_| contact));
+            let touch = Touch { face, history: &[], free_s: 0.1, before: base, contact_prior: None, seed: 0 };
+            assert!(tracker.resume(&touch));
+            tracker.right.probabilities()[0]
+        };
+        assert_eq!((shares(known), shares(None)), (0.9, 0.7));
     }
 
     #[test]

@@ -14,8 +14,9 @@ use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
 use crate::estimators::inertia::Inertia;
 use crate::estimators::motion::{Motion, Round};
+use crate::estimators::regained::{Regained, Unknown};
 use crate::estimators::side::Side;
-use crate::estimators::{Ahead, Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker};
+use crate::estimators::{Ahead, Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker, Undetected};
 use crate::frames::{Base, Pose, Start};
 use crate::sensor::AlongAway;
 
@@ -106,6 +107,8 @@ pub(super) struct Tracer {
     is_refuted: bool,
     /// Belief of the filters at the last sample, if it was one of the onset.
     at_onset: Option<Gaussian<4>>,
+    /// Whether the whisker touches the object again after a release.
+    regained: Regained,
 }
 
 impl Tracer {
@@ -122,6 +125,7 @@ impl Tracer {
             inertia: Inertia::new(&knowledge.whisker),
             is_refuted: false,
             at_onset: None,
+            regained: Regained::default(),
         }
     }
 
@@ -299,6 +303,19 @@ impl Tracker for Tracer {
         }
     }
 
+    fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+        let (side, base) = (&self.front.side, undetected.base);
+        let Some(object) = self.object.as_mut() else { return self.front.expect_touch(undetected) };
+        let expected = object.expect(side, &base, undetected.reading_n_m, 1.0);
+        let on_side = expected.filter(|expected| expected.at().away_m > 0.0 && !side.is_tip(expected.at()));
+        let innovation = on_side.as_ref().and_then(|expected| expected.innovation);
+        let unknown =
+            Unknown { noise_n2_m2: self.knowledge.noise_sd_n_m.powi(2), largest_n_m: side.face.largest_reading_n_m };
+        let is_regained = self.regained.next(undetected.dt_s, undetected.reading_n_m, innovation.as_ref(), &unknown);
+        let estimate = on_side.filter(|_| is_regained).map(|expected| object.estimate(side, &base, &expected))?;
+        Some(Estimate { innovation: None, ..estimate })
+    }
+
     /// Readings that have contradicted a convex outline do so after a release too, even if no outline was fitted since.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         if touch.face.face != self.front.side.face.face {
@@ -309,6 +326,7 @@ impl Tracker for Tracer {
         self.front = front(touch, &self.knowledge);
         self.onset = Some(Onset::default());
         self.doubt = Doubt::default();
+        self.regained = Regained::default();
         self.inertia = Inertia::new(&self.front.side.whisker);
         true
     }

@@ -1,0 +1,92 @@
+//! Test whether a contact that was lost is there again, on an object at rest that is known.
+//!
+//! The belief about the object predicts a contact on the whisker's side, and its reading. Otherwise the whisker is free, with a reading
+//! about zero, or it oscillates or bears on its tip, and the reading may have any calibrated value. With the ratio `L` of the
+//! likelihoods of a reading and the prior rate `r` of a return, the odds of a contact are `(odds + r dt) L` (Shiryaev, "On optimum
+//! methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963).
+
+use std::f64::consts::TAU;
+
+use filters::Innovation;
+
+/// Prior rate of a return (1/s).
+const RATE: f64 = 1.0;
+
+/// Odds that the contact is there again.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Regained {
+    odds: f64,
+}
+
+/// A whisker without a contact on its side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Unknown {
+    /// Variance of a reading's noise.
+    pub(super) noise_n2_m2: f64,
+    /// Largest calibrated reading.
+    pub(super) largest_n_m: f64,
+}
+
+impl Unknown {
+    /// Probability density of a reading, at most twice that of either case.
+    fn density(&self, reading_n_m: f64) -> f64 {
+        let free = (-0.5 * reading_n_m.powi(2) / self.noise_n2_m2).exp() / (TAU * self.noise_n2_m2).sqrt();
+        free + 1.0 / self.largest_n_m
+    }
+}
+
+impl Regained {
+    /// Takes a reading, `dt_s` after the last, with its innovation for the predicted contact, `None` if none is predicted. Returns
+    /// whether the contact is more probable than none.
+    pub(super) fn next(
+        &mut self,
+        dt_s: f64,
+        reading_n_m: f64,
+        predicted: Option<&Innovation<1>>,
+        unknown: &Unknown,
+    ) -> bool {
+        let ratio = predicted.map_or(0.0, |innovation| {
+            let variance = innovation.covariance[0];
+            (-0.5 * innovation.nis).exp() / (TAU * variance).sqrt() / unknown.density(reading_n_m)
+        });
+        self.odds = (self.odds + RATE * dt_s) * ratio;
+        self.is_there()
+    }
+
+    /// Whether the contact was more probable than none at the last reading.
+    pub(super) fn is_there(&self) -> bool {
+        self.odds > 1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix1, Vector1};
+
+    use super::*;
+
+    const UNKNOWN: Unknown = Unknown { noise_n2_m2: 1e-4, largest_n_m: 1.0 };
+
+    /// Number of readings after which the contact is there again, of at most 100.
+    fn found_after(reading: f64, expected: f64) -> Option<usize> {
+        let mut regained = Regained::default();
+        let innovation = Innovation::of(Vector1::new(reading - expected), Matrix1::new(2.0 * UNKNOWN.noise_n2_m2));
+        (1..=100).find(|_| regained.next(5e-3, reading, innovation.as_ref(), &UNKNOWN))
+    }
+
+    #[test]
+    fn verif_a_reading_as_predicted_shows_a_contact_unless_it_is_that_of_a_free_whisker() {
+        // Three standard deviations of the noise suffice.
+        assert!(found_after(0.03, 0.03).is_some_and(|count| count <= 3));
+        assert_eq!(found_after(0.0, 0.0), None);
+        assert_eq!(found_after(0.5, 0.3), None);
+    }
+
+    #[test]
+    fn verif_a_contact_that_is_not_predicted_is_not_there() {
+        let mut regained = Regained::default();
+        let innovation = Innovation::of(Vector1::new(0.0), Matrix1::new(2.0 * UNKNOWN.noise_n2_m2));
+        assert!((0..10).any(|_| regained.next(5e-3, 0.3, innovation.as_ref(), &UNKNOWN)));
+        assert!(!regained.next(5e-3, 0.3, None, &UNKNOWN));
+    }
+}
