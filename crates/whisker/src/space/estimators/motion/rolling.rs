@@ -9,9 +9,11 @@
 //! ```
 //!
 //! an Ornstein-Uhlenbeck process with the standard deviation `m a / F`: the inertial force of the wire with mass `m` under the
-//! recent acceleration `a` of the base across wire and force, relative to the force of the contact. An object is moved with the
-//! base's motion, and the new contact solves three equations, by Newton's method. The Jacobian follows from the same equations by
-//! the implicit function theorem.
+//! recent acceleration `a` of the base across wire and force, relative to the force of the contact. A fit computes the tilt from the
+//! motion of the base instead ([`ringing`]).
+//!
+//! An object is moved with the base's motion, and the new contact solves three equations, by Newton's method. The Jacobian follows
+//! from the same equations by the implicit function theorem.
 
 use filters::Process;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
