@@ -20,6 +20,7 @@ pub(crate) struct Code {
 pub(crate) const CALIBRATION: Code = Code {
     sources: &[
         "crates/files/src",
+        "crates/filters/src/cholesky.rs",
         "crates/filters/src/least_squares.rs",
         "crates/filters/src/lib.rs",
         "crates/filters/src/matrix.rs",

@@ -42,7 +42,7 @@ const SLIDING_SHARE: f64 = 0.3;
 
 /// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
 /// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
-const UNKNOWN_SHARE: f64 = 0.4;
+const UNKNOWN_SHARE: f64 = 0.6;
 
 /// Smallest and largest standard deviation of the tilt, and that at the touch.
 const LEAST_TILT_RAD: f64 = 5e-4;
