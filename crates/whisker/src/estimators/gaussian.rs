@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use filters::{Bank, Gaussian, Innovation, Measurement, Process, Update, UpdateError, product, robust};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector1, Vector2};
+use nalgebra::{Matrix1, Matrix2, SMatrix, SVector, Vector1, Vector2};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -12,6 +12,7 @@ use serde_json::Value;
 use super::doubt::{Doubt, Search};
 use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion, MotionSettings, Round};
+use super::odds::Odds;
 use super::regained::{Regained, Unknown};
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, Start, earlier, is_free};
@@ -517,14 +518,12 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     fn is_regained(&mut self, belief: &Gaussian<N>, sample: &Sample, count: f64) -> bool {
         let at = AlongAway::of_state(&belief.mean);
         let reading = self.reading().with_error(self.error_sd_n_m(at, 0.0)).of_mean(count);
-        let is_on_side = at.away_m > 0.0 && !self.side.is_tip(at);
-        let linearised = reading.linearised_with_noise(&belief.mean).filter(|_| is_on_side);
-        let innovation = linearised.and_then(|(expected, h, noise)| {
-            let variance = product(&product(&h, &belief.covariance), &h.transpose()) + noise;
-            Innovation::of(Vector1::new(sample.reading_n_m - expected.x), variance)
-        });
-        let unknown =
-            Unknown { noise_n2_m2: self.noise_sd_n_m.powi(2) / count, largest_n_m: self.side.face.largest_reading_n_m };
+        let is_beside = self.side.is_beside(at);
+        let residual =
+            is_beside.then(|| residual(&reading, &belief.mean, &belief.covariance, sample.reading_n_m)).flatten();
+        let innovation =
+            residual.and_then(|(residual_n_m, variance)| Innovation::of(Vector1::new(residual_n_m), variance));
+        let unknown = Unknown::new(&self.side, self.noise_sd_n_m.powi(2) / count);
         self.regained.next(sample.dt_s, sample.reading_n_m, innovation.as_ref(), &unknown)
     }
 
@@ -571,7 +570,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         if self.left.len() == MOST_LEFT {
             self.left.remove(0);
         }
-        self.left.push(Left { belief, odds: 0.0 });
+        self.left.push(Left { belief, odds: Odds::default() });
     }
 
     /// Propagates the places that the contact has left to a sample.
@@ -616,11 +615,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.config.evidence_power * robust::log_likelihood(found, self.config.gate_sds)
     }
 
-    /// Adds remembered places whose odds of a return exceed 1. `L` is the likelihood of a reading for a contact at the place,
-    /// divided by that of the bank, raised to `evidence_power`; `r` is the rate of returns. The odds of a return are then
-    /// `(odds + r dt) L` (Shiryaev, "On optimum methods in quickest detection problems", Theory of Probability and its
-    /// Applications 8(1), 1963). The innovations of the bank alone detect a return late: where the base goes back the way that
-    /// it came, the bank explains the readings by a displaced contact.
+    /// Adds remembered places to which a return is more probable than none. The likelihood of a reading for a contact at the place,
+    /// divided by that of the bank, is raised to `evidence_power`. The innovations of the bank alone detect a return late: where the
+    /// base goes back the way that it came, the bank explains the readings by a displaced contact.
     fn go_back(
         &self,
         left: &mut [Left<N>],
@@ -635,13 +632,13 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         for Left { belief, odds } in left {
             let conditioned = self.conditioned(*belief, reading, sample.reading_n_m);
             let Some((there, found)) = conditioned.filter(|_| !is_same_place(&belief.mean, &most.mean)) else {
-                *odds = 0.0;
+                *odds = Odds::default();
                 continue;
             };
-            *odds = (*odds + self.config.return_rate * sample.dt_s) * (self.log_evidence(&found) - of_bank).exp();
-            if *odds > 1.0 {
+            odds.advance(self.config.return_rate * sample.dt_s, (self.log_evidence(&found) - of_bank).exp());
+            if odds.are_favourable() {
                 bank.add([(there, 0.0)], RETURN_SHARE);
-                *odds = 0.0;
+                *odds = Odds::default();
             }
         }
     }
@@ -655,11 +652,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let at = AlongAway::of_state(&moved);
         let inertia_n_m = self.inertia_n_m(at);
         let reading = self.reading().with_error(self.error_sd_n_m(at, inertia_n_m));
-        let nis = reading.linearised_with_noise(&moved).map(|(expected, h, noise)| {
-            let variance = product(&product(&h, &belief.covariance), &h.transpose()) + noise;
-            (sample.reading_n_m - inertia_n_m - expected.x).powi(2) / variance.x
-        });
-        Ahead { slip_m, nis }
+        let residual = residual(&reading, &moved, &belief.covariance, sample.reading_n_m - inertia_n_m);
+        Ahead { slip_m, nis: residual.map(|(residual_n_m, variance)| residual_n_m.powi(2) / variance.x) }
     }
 
     /// Standard deviation of the errors of a reading beside those of sensor and calibration: of its correction for inertia, and of
@@ -686,12 +680,23 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
 /// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
 const CONTINUED_SHARE: f64 = 0.99;
 
+/// Residual of a reading for a contact (N m), and its variance (N2 m2) with the covariance of the contact. `None` without a prediction.
+fn residual<const N: usize>(
+    reading: &ContactReading<'_>,
+    x: &SVector<f64, N>,
+    covariance: &SMatrix<f64, N, N>,
+    z_n_m: f64,
+) -> Option<(f64, Matrix1<f64>)> {
+    let (expected, h, noise) = reading.linearised_with_noise(x)?;
+    Some((z_n_m - expected.x, product(&product(&h, covariance), &h.transpose()) + noise))
+}
+
 /// A place that the contact has left.
 struct Left<const N: usize> {
     /// Belief of a contact there at the present pose of the base.
     belief: Gaussian<N>,
     /// Odds that the contact has returned.
-    odds: f64,
+    odds: Odds,
 }
 
 /// Largest number of places that are remembered.
@@ -831,7 +836,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.recent = None;
         let motion = self.base.then(&touch.before.inverse());
         self.carry_left(&Sample { motion, dt_s: touch.free_s, reading_n_m: 0.0 });
-        self.left.iter_mut().for_each(|left| left.odds = 0.0);
+        self.left.iter_mut().for_each(|left| left.odds = Odds::default());
         self.time_s += touch.free_s;
         self.systematic.wait(touch.free_s);
         self.base = touch.before;
@@ -868,39 +873,51 @@ mod tests {
         assert_eq!(moved.covariance.fixed_view::<2, 2>(2, 0), Matrix2::zeros());
     }
 
+    /// The first touch of the left face.
+    fn touch(knowledge: &Knowledge, before: Pose<Base, FirstBase>) -> Touch<'_> {
+        Touch { face: &knowledge.faces[0], history: &[], free_s: 0.0, before, contact_prior: None, seed: 0 }
+    }
+
+    /// A follower of any round object.
+    type AnyRound = Follower<Extended, Round, 4>;
+
+    /// The follower at its first touch.
+    fn begun(knowledge: &Knowledge) -> AnyRound {
+        let touch = touch(knowledge, Pose::new(0.0, 0.0, 0.0));
+        let motion = Round::of_any_scale().beyond_pin(touch.face);
+        Follower::new(Config::<Extended>::round(), motion, &touch, knowledge)
+    }
+
+    /// A thin object that deflects the whisker at an arc length.
+    fn thin(knowledge: &Knowledge, arc_m: f64) -> Circle {
+        Circle { center: Point::from_vector(knowledge.rest.beside(arc_m, -4e-3).vector()), radius_m: 1e-4 }
+    }
+
+    /// A base that moves to and fro.
+    fn base(i: usize) -> Pose<Base, World> {
+        let t = i as f64 / 15.0;
+        Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin())
+    }
+
+    fn noise_n_m(knowledge: &Knowledge, i: usize) -> f64 {
+        knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8]
+    }
+
     /// Errors of a contact that jumps from one thin object to another after 150 samples and back after 300. With `told`, the follower
     /// learns at the first jump where the contact has gone.
     fn errors_m(jumps: bool, told: bool) -> Vec<f64> {
         let knowledge = knowledge();
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
-        let thin = |arc_m: f64| Circle {
-            center: Point::from_vector(knowledge.rest.beside(arc_m, -4e-3).vector()),
-            radius_m: 1e-4,
-        };
-        let (one, other) = (thin(0.058), thin(0.045));
-        let base = |i: usize| -> Pose<Base, World> {
-            let t = i as f64 / 15.0;
-            Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin())
-        };
-        let touch = Touch {
-            face: &knowledge.faces[0],
-            history: &[],
-            free_s: 0.0,
-            before: Pose::new(0.0, 0.0, 0.0),
-            contact_prior: None,
-            seed: 0,
-        };
-        let motion = Round::of_any_scale().beyond_pin(touch.face);
-        let mut follower = Follower::new(Config::<Extended>::round(), motion, &touch, &knowledge);
+        let (one, other) = (thin(&knowledge, 0.058), thin(&knowledge, 0.045));
+        let mut follower = begun(&knowledge);
         if jumps {
             follower.expect_jumps(true);
         }
         let step = |i: usize| {
             let circle = if (150..300).contains(&i) { &other } else { &one };
             let exact = elastica.against(circle, &base(i), Face::Left).unwrap().unwrap().deflection;
-            let noise_n_m = knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8];
             let motion = base(i.saturating_sub(1)).then(&base(i).inverse());
-            let sample = Sample { motion, dt_s: 4e-3, reading_n_m: exact.moment_n_m + noise_n_m };
+            let sample = Sample { motion, dt_s: 4e-3, reading_n_m: exact.moment_n_m + noise_n_m(&knowledge, i) };
             if told && i == 150 {
                 follower.expect_return(motion.inverse().apply(exact.point));
             }
@@ -937,7 +954,7 @@ mod tests {
     /// returns. Beyond the tip the reading stays constant, as where the tip itself rests on an object.
     fn drawn_back(knowledge: &Knowledge, way_m: f64, count: usize) -> Vec<Sample> {
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
-        let thin = Circle { center: Point::from_vector(knowledge.rest.beside(0.062, -4e-3).vector()), radius_m: 1e-4 };
+        let thin = thin(knowledge, 0.062);
         let share = |i: usize| 1.0 - (2.0 * i as f64 / count as f64 - 1.0).abs();
         let back = -knowledge.rest.tangent(0.07);
         let base = |i: usize| -> Pose<Base, World> {
@@ -957,17 +974,7 @@ mod tests {
     #[test]
     fn verif_past_the_tip_there_is_no_estimate_until_the_contact_is_on_the_side_again() {
         let knowledge = knowledge();
-        let touch = |before| Touch {
-            face: &knowledge.faces[0],
-            history: &[],
-            free_s: 0.0,
-            before,
-            contact_prior: None,
-            seed: 0,
-        };
-        let first = touch(Pose::new(0.0, 0.0, 0.0));
-        let motion = Round::of_any_scale().beyond_pin(first.face);
-        let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);
+        let mut follower = begun(&knowledge);
         let samples = drawn_back(&knowledge, 40e-3, 400);
         let stated: Vec<bool> = samples.iter().map(|sample| follower.step(sample).is_some()).collect();
         assert!(stated[..80].iter().all(|&is| is), "{stated:?}");
@@ -978,17 +985,7 @@ mod tests {
     #[test]
     fn verif_past_the_tip_a_reading_that_contradicts_the_belief_gives_no_estimate_until_the_next_touch() {
         let knowledge = knowledge();
-        let touch = |before| Touch {
-            face: &knowledge.faces[0],
-            history: &[],
-            free_s: 0.0,
-            before,
-            contact_prior: None,
-            seed: 0,
-        };
-        let first = touch(Pose::new(0.0, 0.0, 0.0));
-        let motion = Round::of_any_scale().beyond_pin(first.face);
-        let mut follower = Follower::new(Config::<Extended>::round(), motion, &first, &knowledge);
+        let mut follower = begun(&knowledge);
         let samples = drawn_back(&knowledge, 40e-3, 400);
         // The tip rests on the object all the way back, with another reading than a contact on the side would have.
         let beyond_n_m = 0.5 * samples[200].reading_n_m;
@@ -1003,60 +1000,38 @@ mod tests {
         // By then the belief predicts a contact on the side again.
         let belief = follower.bank.as_ref().unwrap().most_probable().unwrap().belief;
         assert!(!follower.side.is_tip(AlongAway::of_state(&belief.mean)));
-        assert!(follower.resume(&touch(follower.base)) && !follower.is_past_tip);
+        assert!(follower.resume(&touch(&knowledge, follower.base)) && !follower.is_past_tip);
         assert!(follower.step(&samples[0]).is_some());
     }
 
-    /// A whisker that moves to and fro on a thin object at rest.
-    struct Scene {
-        elastica: Elastica,
-        thin: Circle,
-    }
-
-    impl Scene {
-        fn base(i: usize) -> Pose<Base, World> {
-            let t = i as f64 / 15.0;
-            Pose::new(2e-3 * (t.cos() - 1.0), 1.5e-3 * t.sin(), 0.02 * (2.0 * t).sin())
-        }
-
-        /// Contact and reading at a sample.
-        fn exact(&self, i: usize) -> (Point<Base>, f64) {
-            let found = self.elastica.against(&self.thin, &Self::base(i), Face::Left).unwrap().unwrap().deflection;
+    /// A follower of the contact with a thin object at rest after 150 samples, and the contacts and readings at all samples.
+    fn settled(knowledge: &Knowledge) -> (AnyRound, impl Fn(usize) -> (Point<Base>, f64)) {
+        let (elastica, thin) = (Elastica::new(&knowledge.whisker).unwrap(), thin(knowledge, 0.058));
+        let exact = move |i: usize| {
+            let found = elastica.against(&thin, &base(i), Face::Left).unwrap().unwrap().deflection;
             (found.point, found.moment_n_m)
+        };
+        let mut follower = begun(knowledge);
+        for i in 0..=150_usize {
+            let motion = base(i.saturating_sub(1)).then(&base(i).inverse());
+            follower.step(&Sample { motion, dt_s: 4e-3, reading_n_m: exact(i).1 });
         }
+        (follower, exact)
     }
 
-    /// A scene, and a follower of its contact after 150 samples.
-    fn settled(knowledge: &Knowledge) -> (Follower<Extended, Round, 4>, Scene) {
-        let thin = Circle { center: Point::from_vector(knowledge.rest.beside(0.058, -4e-3).vector()), radius_m: 1e-4 };
-        let scene = Scene { elastica: Elastica::new(&knowledge.whisker).unwrap(), thin };
-        let touch = Touch {
-            face: &knowledge.faces[0],
-            history: &[],
-            free_s: 0.0,
-            before: Pose::new(0.0, 0.0, 0.0),
-            contact_prior: None,
-            seed: 0,
-        };
-        let motion = Round::of_any_scale().beyond_pin(touch.face);
-        let mut follower = Follower::new(Config::<Extended>::round(), motion, &touch, knowledge);
-        for i in 0..=150_usize {
-            let motion = Scene::base(i.saturating_sub(1)).then(&Scene::base(i).inverse());
-            follower.step(&Sample { motion, dt_s: 4e-3, reading_n_m: scene.exact(i).1 });
-        }
-        (follower, scene)
+    /// The pose in the frame of the start, which is that of World here.
+    fn in_start(pose: Pose<Base, World>) -> Pose<Base, FirstBase> {
+        Pose::new(pose.origin().x(), pose.origin().y(), pose.yaw_rad())
     }
 
     #[test]
     fn verif_a_touch_of_the_known_object_is_expected_before_it_is_detected() {
         let knowledge = knowledge();
-        let (mut follower, scene) = settled(&knowledge);
-        let (base, exact) = (Scene::base, |i| scene.exact(i));
+        let (mut follower, exact) = settled(&knowledge);
         let mut expected = |pose: Pose<Base, World>, free_s: f64, reading_n_m: f64| {
-            let base = Pose::new(pose.origin().x(), pose.origin().y(), pose.yaw_rad());
-            follower.expect_touch(&Undetected { base, free_s, dt_s: 4e-3, reading_n_m })
+            follower.expect_touch(&Undetected { base: in_start(pose), free_s, dt_s: 4e-3, reading_n_m })
         };
-        let noise_n_m = |i: usize| knowledge.noise_sd_n_m * [0.6, -1.2, 0.1, 1.5, -0.4, -0.9, 1.0, -0.7][i % 8];
+        let noise_n_m = |i| noise_n_m(&knowledge, i);
         // The whisker is in front of the object, at a distance of a millimetre.
         let in_front = Pose::new(0.0, -5e-3, 0.0);
         assert!((0..50).all(|i| expected(in_front, 4e-3 * i as f64, noise_n_m(i)).is_none()));
@@ -1074,16 +1049,13 @@ mod tests {
     fn verif_a_touch_that_was_expected_begins_with_the_known_object() {
         let knowledge = knowledge();
         let worst_m = |is_expected: bool| {
-            let (mut follower, scene) = settled(&knowledge);
-            let (base, exact) = (Scene::base, |i| scene.exact(i));
-            let in_start = |i: usize| Pose::new(base(i).origin().x(), base(i).origin().y(), base(i).yaw_rad());
+            let (mut follower, exact) = settled(&knowledge);
             for i in 151..160 {
                 let reading_n_m = if is_expected { exact(i).1 } else { 0.0 };
                 let free_s = 4e-3 * (i - 150) as f64;
-                follower.expect_touch(&Undetected { base: in_start(i), free_s, dt_s: 4e-3, reading_n_m });
+                follower.expect_touch(&Undetected { base: in_start(base(i)), free_s, dt_s: 4e-3, reading_n_m });
             }
-            let (face, before) = (&knowledge.faces[0], in_start(159));
-            let touch = Touch { face, history: &[], free_s: 36e-3, before, contact_prior: None, seed: 0 };
+            let touch = Touch { free_s: 36e-3, ..touch(&knowledge, in_start(base(159))) };
             assert!(follower.resume(&touch));
             let motion = base(159).then(&base(160).inverse());
             let estimate = follower.step(&Sample { motion, dt_s: 4e-3, reading_n_m: exact(160).1 }).unwrap();
@@ -1095,8 +1067,7 @@ mod tests {
     #[test]
     fn regress_a_contact_that_was_lost_is_regained_where_the_readings_agree_with_it() {
         let knowledge = knowledge();
-        let (mut follower, scene) = settled(&knowledge);
-        let (base, exact) = (Scene::base, |i| scene.exact(i));
+        let (mut follower, exact) = settled(&knowledge);
         follower.is_lost = true;
         let mut step = |i: usize, reading_n_m: f64| {
             follower.step(&Sample { motion: base(i - 1).then(&base(i).inverse()), dt_s: 4e-3, reading_n_m })

@@ -21,6 +21,7 @@ mod installed;
 mod iterated;
 mod model_averaging;
 mod motion;
+mod odds;
 mod outline;
 mod paper;
 mod particle;

@@ -1,13 +1,14 @@
 //! Test whether a contact that was lost is there again, on an object at rest that is known.
 //!
 //! The belief about the object predicts a contact on the whisker's side, and its reading. Otherwise the whisker is free, with a reading
-//! about zero, or it oscillates or bears on its tip, and the reading may have any calibrated value. With the ratio `L` of the
-//! likelihoods of a reading and the prior rate `r` of a return, the odds of a contact are `(odds + r dt) L` (Shiryaev, "On optimum
-//! methods in quickest detection problems", Theory of Probability and its Applications 8(1), 1963).
-
-use std::f64::consts::TAU;
+//! about zero, or it oscillates or bears on its tip, and the reading may have any calibrated value. The likelihoods of both give the
+//! odds of a contact.
 
 use filters::Innovation;
+use nalgebra::{Matrix1, Vector1};
+
+use super::odds::Odds;
+use super::side::Side;
 
 /// Prior rate of a return (1/s).
 const RATE: f64 = 1.0;
@@ -15,23 +16,28 @@ const RATE: f64 = 1.0;
 /// Odds that the contact is there again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Regained {
-    odds: f64,
+    odds: Odds,
 }
 
 /// A whisker without a contact on its side.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unknown {
     /// Variance of a reading's noise.
-    pub(super) noise_n2_m2: f64,
+    noise_n2_m2: f64,
     /// Largest calibrated reading.
-    pub(super) largest_n_m: f64,
+    largest_n_m: f64,
 }
 
 impl Unknown {
+    /// That of a side, for readings with noise of this variance.
+    pub(super) fn new(side: &Side, noise_n2_m2: f64) -> Self {
+        Self { noise_n2_m2, largest_n_m: side.face.largest_reading_n_m }
+    }
+
     /// Probability density of a reading, at most twice that of either case.
     fn density(&self, reading_n_m: f64) -> f64 {
-        let free = (-0.5 * reading_n_m.powi(2) / self.noise_n2_m2).exp() / (TAU * self.noise_n2_m2).sqrt();
-        free + 1.0 / self.largest_n_m
+        let free = Innovation::of(Vector1::new(reading_n_m), Matrix1::new(self.noise_n2_m2));
+        free.map_or(0.0, |free| free.log_likelihood().exp()) + 1.0 / self.largest_n_m
     }
 }
 
@@ -45,24 +51,19 @@ impl Regained {
         predicted: Option<&Innovation<1>>,
         unknown: &Unknown,
     ) -> bool {
-        let ratio = predicted.map_or(0.0, |innovation| {
-            let variance = innovation.covariance[0];
-            (-0.5 * innovation.nis).exp() / (TAU * variance).sqrt() / unknown.density(reading_n_m)
-        });
-        self.odds = (self.odds + RATE * dt_s) * ratio;
+        let ratio = predicted.map_or(0.0, |found| found.log_likelihood().exp() / unknown.density(reading_n_m));
+        self.odds.advance(RATE * dt_s, ratio);
         self.is_there()
     }
 
     /// Whether the contact was more probable than none at the last reading.
     pub(super) fn is_there(&self) -> bool {
-        self.odds > 1.0
+        self.odds.are_favourable()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix1, Vector1};
-
     use super::*;
 
     const UNKNOWN: Unknown = Unknown { noise_n2_m2: 1e-4, largest_n_m: 1.0 };

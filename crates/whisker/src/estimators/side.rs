@@ -175,6 +175,11 @@ impl Side {
         self.bent_arc_m(at) >= (1.0 - TIP_SHARE) * self.face.rest.length_m()
     }
 
+    /// Whether a contact deflects the whisker and lies off the tip.
+    pub(super) fn is_beside(&self, at: AlongAway) -> bool {
+        at.away_m > 0.0 && !self.is_tip(at)
+    }
+
     /// Limits the distance of a contact from the modelled region. The contact is not moved into the region: objects push the
     /// whisker farther than its calibration did, and a belief held within the region would be biased from then on.
     pub(super) fn hold<const N: usize>(&self, x: &mut SVector<f64, N>) {

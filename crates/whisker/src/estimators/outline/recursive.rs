@@ -307,10 +307,9 @@ impl Tracker for Tracer {
         let (side, base) = (&self.front.side, undetected.base);
         let Some(object) = self.object.as_mut() else { return self.front.expect_touch(undetected) };
         let expected = object.expect(side, &base, undetected.reading_n_m, 1.0);
-        let on_side = expected.filter(|expected| expected.at().away_m > 0.0 && !side.is_tip(expected.at()));
+        let on_side = expected.filter(|expected| side.is_beside(expected.at()));
         let innovation = on_side.as_ref().and_then(|expected| expected.innovation);
-        let unknown =
-            Unknown { noise_n2_m2: self.knowledge.noise_sd_n_m.powi(2), largest_n_m: side.face.largest_reading_n_m };
+        let unknown = Unknown::new(side, self.knowledge.noise_sd_n_m.powi(2));
         let is_regained = self.regained.next(undetected.dt_s, undetected.reading_n_m, innovation.as_ref(), &unknown);
         let estimate = on_side.filter(|_| is_regained).map(|expected| object.estimate(side, &base, &expected))?;
         Some(Estimate { innovation: None, ..estimate })

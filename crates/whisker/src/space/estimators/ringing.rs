@@ -91,17 +91,11 @@ impl Ringing {
 }
 
 /// Response of a wire, as accelerations of the base.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Response {
     pub(super) now: Rates,
     /// A quarter of a period away. Both together give the amplitude.
     pub(super) apart: Rates,
-}
-
-impl Default for Response {
-    fn default() -> Self {
-        Self { now: Rates::zeros(), apart: Rates::zeros() }
-    }
 }
 
 impl Response {
@@ -159,6 +153,7 @@ impl Beam {
         }
     }
 
+    /// Mass of the whisker.
     pub(super) fn mass_kg(&self) -> f64 {
         self.mass_kg
     }

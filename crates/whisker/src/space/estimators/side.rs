@@ -32,8 +32,6 @@ const INERTIA: f64 = 0.125;
 #[derive(Clone)]
 pub(super) struct Side {
     pub(super) calibrated: Arc<CalibratedSpace>,
-    /// Mass of the wire.
-    mass_kg: f64,
     beam: Beam,
     /// Variance of the measurement noise of each moment.
     noise_n2_m2: f64,
@@ -42,11 +40,9 @@ pub(super) struct Side {
 impl Side {
     pub(super) fn new(knowledge: &Knowledge) -> Self {
         let whisker = &knowledge.calibrated.whisker.whisker;
-        let beam = Beam::new(whisker);
         Self {
             calibrated: knowledge.calibrated.clone(),
-            mass_kg: beam.mass_kg(),
-            beam,
+            beam: Beam::new(whisker),
             noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
         }
     }
@@ -97,7 +93,7 @@ impl Side {
 
     /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).
     pub(super) fn inertia_n_m(&self, at: Around, acceleration_m_s2: f64) -> f64 {
-        INERTIA * self.mass_kg * acceleration_m_s2 * at.along_m
+        INERTIA * self.beam.mass_kg() * acceleration_m_s2 * at.along_m
     }
 
     /// Effective masses of the wire at a contact.

@@ -14,7 +14,7 @@
 //!
 //! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the
 //! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.
-//! The work is divided among the samples. The tilt of the normal by lag and ringing is not part of the fit: it is filtered at the
+//! The work is divided among the samples. The unknown part of the tilt is none of the unknowns of the fit: it is filtered at the
 //! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge,
 //! the fit begins anew with the later readings.
 //!
@@ -499,6 +499,12 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
     }
 
+    /// Takes the acceleration of the base.
+    fn accelerate(&mut self, sample: &Sample) {
+        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        self.ringing.advance(sample);
+    }
+
     /// Sets the frequency of the oscillation to that at the likeliest contact.
     fn tune(&mut self) {
         let rad_s = match &self.front {
@@ -573,8 +579,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
-        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
-        self.ringing.advance(sample);
+        self.accelerate(sample);
         let is_first = std::mem::replace(&mut self.is_first, false);
         if is_first {
             self.approach();
@@ -625,8 +630,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.slipped, self.lost) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }
-        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
-        self.ringing.advance(sample);
+        self.accelerate(sample);
         if self.is_fitted() {
             self.base = sample.motion.inverse().then(&self.base);
         } else if has_touched {
