@@ -11,7 +11,8 @@ use crate::settings::{SettingsError, within};
 pub(crate) struct DoubtSettings {
     /// Time over which the mixture's normalised innovations squared, per reading, are averaged (exponentially).
     pub window_s: f64,
-    /// Largest value that counts, which bounds the influence of an outlier.
+    /// Largest value that counts. It bounds the influence of outliers and of the moment after a touch or a jump, in which the
+    /// innovations of correct estimates are large.
     pub most_nis: f64,
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
     /// detects more and raises more false alarms. The doubt lasts until the mean has fallen halfway from
@@ -22,7 +23,7 @@ pub(crate) struct DoubtSettings {
 impl Default for DoubtSettings {
     /// Chosen on the training suite of random scenes in the plane.
     fn default() -> Self {
-        Self { window_s: 0.5, most_nis: 25.0, nis: 4.0 }
+        Self { window_s: 0.5, most_nis: 9.0, nis: 4.0 }
     }
 }
 

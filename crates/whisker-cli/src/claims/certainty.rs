@@ -14,7 +14,7 @@ const RANDOM: &str = "random";
 const MISCALIBRATED: &str = "miscalibrated";
 
 /// Runs of the random suite with other thresholds of the signal of doubt.
-const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("8", "random_doubt_8"), ("16", "random_doubt_16")];
+const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("3", "random_doubt_3"), ("6", "random_doubt_6")];
 
 /// Runs of the claims on certainty: those of this topic, and those of contacts with friction and of objects that are not convex or
 /// move.

@@ -30,7 +30,7 @@ const CLAIMS: &str = "certainty";
 const OUT: &str = "results/reference/certainty";
 
 /// Thresholds of the signal of doubt beside the default.
-const DOUBT_THRESHOLDS: [u32; 3] = [2, 8, 16];
+const DOUBT_THRESHOLDS: [u32; 3] = [2, 3, 6];
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let evaluations = match arguments {
