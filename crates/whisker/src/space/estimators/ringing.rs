@@ -4,13 +4,15 @@
 //! equilibrium, the force of its deflection is turned from the normal by the angle `k y / F`, with the force `F` of the contact, and
 //!
 //! ```text
-//! m y'' + c y' + k y = -m' a - m b        c = T k
+//! m y'' + c y' + k y = -m' a - m" r - m b        c = T k
 //! ```
 //!
-//! where `a` is the acceleration of the base at the contact, `b` that of the equilibrium relative to the base, `m` and `m'` the
-//! masses of a wire that bends and of one that accelerates as a whole ([`Masses`]), and `T` the ratio of damping to stiffness of the
-//! material. If the accelerations vary slowly, the angle is `-(m' a + m b) / F`. Otherwise, since the equation is linear, it is the
-//! same expression with the response of a damped oscillator to the accelerations in their place.
+//! where `a` is the acceleration of the base, `r` that of the contact by the rotation of the base, `b` that of the equilibrium
+//! relative to the base, and `T` the ratio of damping to stiffness of the material. The masses `m`, `m'` and `m"` are those of a wire
+//! that bends, that accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates the free end of
+//! a wire that is touched near the root far more than the contact. If the accelerations vary slowly, the angle is
+//! `-(m' a + m" r + m b) / F`. Otherwise, since the equation is linear, it is the same expression with the response of a damped
+//! oscillator to the accelerations in their place.
 //!
 //! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base. The oscillator is therefore driven by
 //! the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k` follows
@@ -106,9 +108,10 @@ impl Response {
     }
 }
 
-/// Acceleration of a point of the base (m/s2), in Base.
-pub(super) fn acceleration_m_s2(of_base: &Rates, point_m: &Vector3<f64>) -> Vector3<f64> {
-    of_base.fixed_rows::<3>(0) + of_base.fixed_rows::<3>(3).cross(point_m)
+/// Force across a wire at a contact (N), in Base, by the inertia of the wire under an acceleration of the base.
+pub(super) fn force_n(of_base: &Rates, contact_m: &Vector3<f64>, masses: &Masses) -> Vector3<f64> {
+    let (linear_m_s2, angular_rad_s2) = (of_base.fixed_rows::<3>(0), of_base.fixed_rows::<3>(3));
+    linear_m_s2 * masses.whole_kg + angular_rad_s2.cross(contact_m) * masses.turned_kg
 }
 
 /// Motion of objects at rest relative to a base that is displaced by an acceleration times `time2_s2`.
@@ -123,6 +126,8 @@ pub(super) struct Masses {
     /// Force by the inertia of a wire that accelerates as a whole, per acceleration: by reciprocity, the deflection of the contact
     /// under a uniform load over that under a force at the contact.
     pub(super) whole_kg: f64,
+    /// The same of a wire that rotates about its root as a whole, per acceleration of the contact.
+    pub(super) turned_kg: f64,
     /// The same of a wire that bends, per acceleration of the contact relative to the base.
     pub(super) bent_kg: f64,
 }
@@ -160,7 +165,7 @@ impl Beam {
 
     /// The masses at an arc length. In units of the arc length `s` of the force, and relative to the deflection there, the
     /// deflection is `(1 - q) g(x) + q x` with `g = x^2 (3 - x) / 2` up to the force and `(3 x - 1) / 2` beyond, and the share `q`
-    /// of the root. The masses are the integrals of the deflection and of its square.
+    /// of the root. The masses are the integrals of the deflection, of its product with `x`, and of its square.
     pub(super) fn masses(&self, along_m: f64) -> Masses {
         let along_m = along_m.max(LEAST_SHARE * self.length_m);
         let end = (self.length_m / along_m).max(1.0);
@@ -170,7 +175,9 @@ impl Beam {
         let both = 11.0 / 40.0 + 0.5 * (end.powi(3) - 0.5 * end.powi(2) - 0.5);
         let once = (1.0 - q) * bent + q * 0.5 * end.powi(2);
         let twice = (1.0 - q).powi(2) * bent_2 + 2.0 * q * (1.0 - q) * both + q.powi(2) * end.powi(3) / 3.0;
-        Masses { whole_kg: self.mass_kg / end * once, bent_kg: self.mass_kg / end * twice }
+        let turned = (1.0 - q) * both + q * end.powi(3) / 3.0;
+        let mass_kg = self.mass_kg / end;
+        Masses { whole_kg: mass_kg * once, turned_kg: mass_kg * turned, bent_kg: mass_kg * twice }
     }
 }
 
@@ -218,10 +225,16 @@ mod tests {
             };
             const PARTS: u32 = 20_000;
             let share = |i: u32| deflection((f64::from(i) + 0.5) / f64::from(PARTS) * length_m) / deflection(force_m);
-            let mean = |power: i32| (0..PARTS).map(|i| share(i).powi(power)).sum::<f64>() / f64::from(PARTS);
+            let turn = |i: u32| (f64::from(i) + 0.5) / f64::from(PARTS) * length_m / force_m;
+            let mean = |of: &dyn Fn(u32) -> f64| (0..PARTS).map(of).sum::<f64>() / f64::from(PARTS);
             let found = beam.masses(force_m);
-            assert!((found.whole_kg / (beam.mass_kg * mean(1)) - 1.0).abs() < 1e-6, "{force_m}: {found:?}");
-            assert!((found.bent_kg / (beam.mass_kg * mean(2)) - 1.0).abs() < 1e-6, "{force_m}: {found:?}");
+            for (mass_kg, mean) in [
+                (found.whole_kg, mean(&share)),
+                (found.turned_kg, mean(&|i| share(i) * turn(i))),
+                (found.bent_kg, mean(&|i| share(i).powi(2))),
+            ] {
+                assert!((mass_kg / (beam.mass_kg * mean) - 1.0).abs() < 1e-6, "{force_m}: {found:?}");
+            }
         }
     }
 }

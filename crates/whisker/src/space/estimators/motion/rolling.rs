@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::frames::Base;
 use crate::space::estimators::Sample;
-use crate::space::estimators::ringing::{self, Masses, Response};
+use crate::space::estimators::ringing::{self, Response};
 use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::{Around, Directions};
@@ -308,12 +308,12 @@ impl<const N: usize> Neighbours<N> {
         (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
         response: &Response,
     ) -> InertialTilt {
-        let Masses { whole_kg, bent_kg } = side.masses(found.at);
+        let masses = side.masses(found.at);
         let tilt_rad = |of_base| {
             let moved = motion.then(&ringing::displaced(of_base, STEP_S2));
             let ahead = shape.residual(&self.object(shape, &moved, 0.0), found);
             let relative_m_s2 = found.slopes * (inverse * (here - ahead)) / STEP_S2;
-            let force_n = ringing::acceleration_m_s2(of_base, &found.contact) * whole_kg + relative_m_s2 * bent_kg;
+            let force_n = ringing::force_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
             (found.untilted.across.dot(&force_n) / found.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
         };
         let rad = tilt_rad(&response.now);
