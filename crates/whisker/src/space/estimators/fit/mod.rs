@@ -59,6 +59,11 @@ const SAME: f64 = 1.0;
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
 
+/// Power of a mode's excess by which the stated covariance grows further than that of the innovation: Birge's factor assumes
+/// that the errors of the readings are independent, and those of a wrong model are not. Chosen on random scenes in space that are not
+/// reported.
+const MORE_EXCESS: i32 = 2;
+
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
 
@@ -478,7 +483,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         mode.tilt =
             (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
         // Innovations since the last round, which the excess does not include.
-        covariance *= (self.slipped.mean_nis() / mode.excess).max(1.0);
+        covariance *= (self.slipped.mean_nis() / mode.excess).max(1.0) * mode.excess.powi(MORE_EXCESS);
         covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }
