@@ -5,17 +5,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::settings::{SettingsError, within};
 
+/// Largest threshold relative to the upper limit of a value: the mean hardly exceeds a higher one.
+const LARGEST_SHARE: f64 = 0.9;
+
 /// Settings of the signal that the models are in doubt.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct DoubtSettings {
     /// Time over which the mixture's normalised innovations squared, per reading, are averaged (exponentially).
     pub window_s: f64,
-    /// Largest value that counts. It bounds the influence of outliers and of the moment after a touch or a jump, in which the
-    /// innovations of correct estimates are large.
+    /// Upper limit of a value. It bounds the influence of outliers and of the first moments after a touch or a jump, when correct
+    /// estimates also have large innovations.
     pub most_nis: f64,
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms. The doubt lasts until the mean has fallen halfway from
+    /// detects more and raises more false alarms. At most [`LARGEST_SHARE`] of `most_nis`. The doubt lasts until the mean has fallen halfway from
     /// there to 1, so that one contradiction is one signal.
     pub nis: f64,
 }
@@ -33,7 +36,7 @@ impl DoubtSettings {
     pub(crate) fn validate(&self) -> Result<(), SettingsError> {
         within("doubt.window_s", self.window_s, 1e-3..=1e3)?;
         within("doubt.most_nis", self.most_nis, 1.0..=1e6)?;
-        within("doubt.nis", self.nis, 1.0..=1e6)
+        within("doubt.nis", self.nis, 1.0..=LARGEST_SHARE * self.most_nis)
     }
 }
 
@@ -116,8 +119,17 @@ mod tests {
         assert_eq!(raised(consistent), None);
         let lasting = raised(|_| 6.0).unwrap();
         assert!((20..100).contains(&lasting), "{lasting}");
-        // An outlier now and then is none.
+        // An outlier now and then is none, nor is a tenth of a second of large innovations, as after a jump.
         assert_eq!(raised(|i| if i % 50 == 0 { 1e4 } else { consistent(i) }), None);
+        assert_eq!(raised(|i| if (500..510).contains(&i) { 100.0 } else { consistent(i) }), None);
+    }
+
+    #[test]
+    fn robust_a_threshold_that_no_mean_exceeds_is_refused() {
+        let of = |nis: f64| DoubtSettings { nis, ..DoubtSettings::default() };
+        assert!(of(8.0).validate().is_ok());
+        let refused = of(16.0).validate().unwrap_err().to_string();
+        assert!(refused.contains("doubt.nis") && refused.contains("8.1"), "{refused}");
     }
 
     #[test]

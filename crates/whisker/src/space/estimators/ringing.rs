@@ -4,15 +4,15 @@
 //! equilibrium, the force of its deflection is turned from the normal by the angle `k y / F`, with the force `F` of the contact, and
 //!
 //! ```text
-//! m y'' + c y' + k y = -m' a - m" r - m b        c = T k
+//! m y'' + c y' + k y = -m_a a - m_r r - m b        c = T k
 //! ```
 //!
-//! where `a` is the acceleration of the base, `r` that of the contact by the rotation of the base, `b` that of the equilibrium
-//! relative to the base, and `T` the ratio of damping to stiffness of the material. The masses `m`, `m'` and `m"` are those of a wire
-//! that bends, that accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates the free end of
-//! a wire that is touched near the root far more than the contact. If the accelerations vary slowly, the angle is
-//! `-(m' a + m" r + m b) / F`. Otherwise, since the equation is linear, it is the same expression with the response of a damped
-//! oscillator to the accelerations in their place.
+//! where `a` is the acceleration of the base, `r` the acceleration of the contact due to the rotation of the base, `b` that of the
+//! equilibrium relative to the base, and `T` the ratio of damping to stiffness of the material. The masses `m`, `m_a` and `m_r` are
+//! those of a wire that bends, that accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates
+//! the free end of a wire that is touched near the root far more than the contact. They are those of a straight wire. If the
+//! accelerations vary slowly, the angle is `-(m_a a + m_r r + m b) / F`. Otherwise, since the equation is linear, it is the same
+//! expression with the response of a damped oscillator to the accelerations in their place.
 //!
 //! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base. The oscillator is therefore driven by
 //! the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k` follows
@@ -108,8 +108,9 @@ impl Response {
     }
 }
 
-/// Force across a wire at a contact (N), in Base, by the inertia of the wire under an acceleration of the base.
-pub(super) fn force_n(of_base: &Rates, contact_m: &Vector3<f64>, masses: &Masses) -> Vector3<f64> {
+/// Mass times acceleration of the wire at a contact (N), in Base, for an acceleration of the base. Its component across the wire
+/// tilts the force of the contact.
+pub(super) fn inertia_n(of_base: &Rates, contact_m: &Vector3<f64>, masses: &Masses) -> Vector3<f64> {
     let (linear_m_s2, angular_rad_s2) = (of_base.fixed_rows::<3>(0), of_base.fixed_rows::<3>(3));
     linear_m_s2 * masses.whole_kg + angular_rad_s2.cross(contact_m) * masses.turned_kg
 }
@@ -126,7 +127,7 @@ pub(super) struct Masses {
     /// Force by the inertia of a wire that accelerates as a whole, per acceleration: by reciprocity, the deflection of the contact
     /// under a uniform load over that under a force at the contact.
     pub(super) whole_kg: f64,
-    /// The same of a wire that rotates about its root as a whole, per acceleration of the contact.
+    /// The same for a rigid rotation about the root, per acceleration of the contact.
     pub(super) turned_kg: f64,
     /// The same of a wire that bends, per acceleration of the contact relative to the base.
     pub(super) bent_kg: f64,
@@ -217,7 +218,7 @@ mod tests {
         let whisker = Whisker::straight();
         let beam = Beam::new(&whisker);
         let (length_m, stiffness_n_m2) = (whisker.length_m, whisker.bending_stiffness_n_m2(0.0));
-        for force_m in [0.02, 0.046, 0.08] {
+        for force_m in [0.005, 0.02, 0.046, 0.08] {
             // Deflection at `x` by a unit force.
             let deflection = |x: f64| {
                 let (near, far) = if x < force_m { (x, force_m) } else { (force_m, x) };
@@ -225,12 +226,12 @@ mod tests {
             };
             const PARTS: u32 = 20_000;
             let share = |i: u32| deflection((f64::from(i) + 0.5) / f64::from(PARTS) * length_m) / deflection(force_m);
-            let turn = |i: u32| (f64::from(i) + 0.5) / f64::from(PARTS) * length_m / force_m;
+            let relative_x = |i: u32| (f64::from(i) + 0.5) / f64::from(PARTS) * length_m / force_m;
             let mean = |of: &dyn Fn(u32) -> f64| (0..PARTS).map(of).sum::<f64>() / f64::from(PARTS);
             let found = beam.masses(force_m);
             for (mass_kg, mean) in [
                 (found.whole_kg, mean(&share)),
-                (found.turned_kg, mean(&|i| share(i) * turn(i))),
+                (found.turned_kg, mean(&|i| share(i) * relative_x(i))),
                 (found.bent_kg, mean(&|i| share(i).powi(2))),
             ] {
                 assert!((mass_kg / (beam.mass_kg * mean) - 1.0).abs() < 1e-6, "{force_m}: {found:?}");

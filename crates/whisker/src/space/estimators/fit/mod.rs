@@ -59,10 +59,9 @@ const SAME: f64 = 1.0;
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
 
-/// Power of a mode's excess by which the stated covariance grows further than that of the innovation: Birge's factor assumes
-/// that the errors of the readings are independent, and those of a wrong model are not. Chosen on random scenes in space that are not
-/// reported.
-const MORE_EXCESS: i32 = 2;
+/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those of a
+/// wrong model are not independent. Chosen on random scenes in space that are not reported.
+const EXCESS_POWER: i32 = 3;
 
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
@@ -453,7 +452,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
         slopes[(TILT, TILT)] = 0.0;
         // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
-        // the method of least squares", Physical Review 40, 1932). A wrong model has errors in common, so that all parts grow.
+        // the method of least squares", Physical Review 40, 1932).
         let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess;
         for i in 0..3 {
             covariance[(i, i)] += self.config.deviation_m.powi(2);
@@ -482,8 +481,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
         mode.tilt =
             (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
-        // Innovations since the last round, which the excess does not include.
-        covariance *= (self.slipped.mean_nis() / mode.excess).max(1.0) * mode.excess.powi(MORE_EXCESS);
+        covariance *= further_factor(mode.excess, self.slipped.mean_nis());
         covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }
@@ -558,6 +556,12 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.model.describe(&self.side, &belief, &mut estimate);
         Some(estimate)
     }
+}
+
+/// Factor of the stated covariance of a mode relative to that of its innovations, which contains the excess once. The recent mean of
+/// the innovations includes those since the last round, which the excess does not.
+fn further_factor(excess: f64, recent_nis: f64) -> f64 {
+    (recent_nis / excess).max(1.0) * excess.powi(EXCESS_POWER - 1)
 }
 
 impl<const N: usize> Mode<N> {
@@ -670,6 +674,13 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn verif_the_covariance_grows_with_the_third_power_of_the_excess_or_with_recent_innovations() {
+        for (excess, recent_nis, factor) in [(1.0, 0.5, 1.0), (1.0, 3.0, 3.0), (4.0, 2.0, 64.0), (4.0, 8.0, 128.0)] {
+            assert_eq!(excess * further_factor(excess, recent_nis), factor);
+        }
+    }
 
     #[test]
     fn regress_a_round_without_a_solution_keeps_the_evidence_since_the_last_one() {

@@ -313,8 +313,8 @@ impl<const N: usize> Neighbours<N> {
             let moved = motion.then(&ringing::displaced(of_base, STEP_S2));
             let ahead = shape.residual(&self.object(shape, &moved, 0.0), found);
             let relative_m_s2 = found.slopes * (inverse * (here - ahead)) / STEP_S2;
-            let force_n = ringing::force_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
-            (found.untilted.across.dot(&force_n) / found.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+            let inertia_n = ringing::inertia_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
+            (found.untilted.across.dot(&inertia_n) / found.directions.force_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
         };
         let rad = tilt_rad(&response.now);
         InertialTilt { rad, amplitude_rad: rad.hypot(tilt_rad(&response.apart)) }
