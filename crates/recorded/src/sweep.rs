@@ -22,8 +22,9 @@ pub struct SweepSettings {
     pub reading_sd: [f64; 2],
     /// Standard deviation of the motion along the normal, relative to the motion of the sensor.
     pub normal: f64,
-    /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor.
-    pub smooth: f64,
+    /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor: while it is
+    /// followed row by row, and in the batch.
+    pub smooth: [f64; 2],
     /// Standard deviation of the contact's motion along the surface while it is followed row by row, relative to the motion of the
     /// sensor.
     pub slip: f64,
@@ -31,7 +32,7 @@ pub struct SweepSettings {
     pub slide: f64,
     /// Standard deviation of the height of a contact relative to its neighbour (m).
     pub height_m: f64,
-    /// Iterations.
+    /// Iterations of each batch.
     pub iterations: usize,
 }
 
@@ -40,14 +41,17 @@ impl Default for SweepSettings {
         Self {
             reading_sd: [0.004, 0.01],
             normal: 0.03,
-            smooth: 0.15,
+            smooth: [0.15, 0.03],
             slip: 1.0,
-            slide: 0.3,
+            slide: 0.5,
             height_m: 0.05e-3,
             iterations: 30,
         }
     }
 }
+
+/// Channel of the bending in the whisker's plane.
+const IN_PLANE: usize = 1;
 
 /// Step of the integral over the angle (rad), and its largest number of steps.
 const STEP_RAD: f64 = 0.03;
@@ -60,13 +64,9 @@ pub fn normal(predictor: &Predictor<'_>, root_m: &Vector3<f64>, contact_m: &Vect
     let (radius_m, angle) = (arm.x.hypot(arm.y), arm.y.atan2(arm.x));
     let at = |angle: f64| {
         let (sin, cos) = angle.sin_cos();
-        let (reading, slopes) =
-            predictor.predict(&Vector3::new(root_m.x + radius_m * cos, root_m.y + radius_m * sin, contact_m.z));
-        (
-            reading.y,
-            slopes[(1, 0)] * cos + slopes[(1, 1)] * sin,
-            slopes[(1, 1)] * cos * radius_m - slopes[(1, 0)] * sin * radius_m,
-        )
+        let at_m = Vector3::new(root_m.x + radius_m * cos, root_m.y + radius_m * sin, contact_m.z);
+        let (reading, slope) = predictor.predict_channel(IN_PLANE, &at_m);
+        (reading, slope.x * cos + slope.y * sin, slope.y * cos * radius_m - slope.x * sin * radius_m)
     };
     let (moment, mut by_radius, turning) = at(angle);
     // Towards the undeflected wire the size of the moment decreases.
@@ -119,8 +119,9 @@ pub fn contacts(
     settings: &SweepSettings,
 ) -> Vec<Option<SweptContact>> {
     let rows = &touch[1..];
-    let following = Sweep { predictor, root_m, settings, slip: Slip::Gaussian(settings.slip) };
-    let batch = Sweep { slip: Slip::Laplace(settings.slide), ..following };
+    let following = Sweep { predictor, root_m, settings, stage: Stage::Following };
+    // At first rounded off widely, because contacts that stay give way slowly.
+    let batches = [1.0, 0.05].map(|rounded| Sweep { stage: Stage::Batch(rounded), ..following });
     // Forward, row by row, then all rows between two jumps together.
     let mut places = vec![None; rows.len()];
     let mut parts: Vec<Range<usize>> = Vec::new();
@@ -146,8 +147,8 @@ pub fn contacts(
     for part in parts {
         let rows = &rows[part.clone()];
         let mut places: Vec<Vector3<f64>> = places[part.clone()].iter().flatten().copied().collect();
-        batch.solve(rows, &mut places, settings.iterations, false);
-        let Some(covariances_m2) = batch.linearised(rows, &places).covariances_m2() else { continue };
+        batches.iter().for_each(|batch| batch.solve(rows, &mut places, settings.iterations, false));
+        let Some(covariances_m2) = batches[1].linearised(rows, &places).covariances_m2() else { continue };
         for (i, ((reading, contact_m), covariance_m2)) in part.zip(rows.iter().zip(places).zip(covariances_m2)) {
             let is_known = predictor.distance_m(&reading.to_sensor(&contact_m)) <= reach_m;
             contacts[i] = is_known.then_some(SweptContact { contact_m, covariance_m2 });
@@ -156,34 +157,15 @@ pub fn contacts(
     contacts
 }
 
-/// Distribution of a contact's motion along the surface between two rows, relative to the motion of the sensor.
-#[derive(Clone, Copy)]
-enum Slip {
-    /// With its standard deviation, so that a contact can be followed by few steps.
-    Gaussian(f64),
-    /// With its scale. A contact stays on an edge and slides on a face: small motions are not spread over many rows, and the motion
-    /// over all rows costs the same however it is distributed.
-    Laplace(f64),
-}
-
-impl Slip {
-    /// Motion below which the Laplace distribution is rounded off, relative to the motion of the sensor.
-    const ROUNDED: f64 = 0.05;
-
-    /// Twice the negative logarithm of the density of a motion, without its constant, and the weight of its square (1/m2).
-    fn cost(self, moved_m: f64, step_m: f64) -> (f64, f64) {
-        match self {
-            Self::Gaussian(sd) => {
-                let weight = (sd * step_m).powi(-2);
-                (weight * moved_m * moved_m, weight)
-            }
-            Self::Laplace(scale) => {
-                let (rounded_m, scale_m) = (Self::ROUNDED * step_m, scale * step_m);
-                let length_m = moved_m.hypot(rounded_m);
-                (2.0 * (length_m - rounded_m) / scale_m, 1.0 / (scale_m * length_m))
-            }
-        }
-    }
+/// Which model of the motion is solved.
+#[derive(Clone, Copy, PartialEq)]
+enum Stage {
+    /// Row by row, by few steps: the motion along the surface has a Gaussian distribution, and each step holds the normals.
+    Following,
+    /// All rows together: this motion has a Laplace distribution, because a contact stays on an edge and slides on a face. Small
+    /// motions are not spread over many rows, and a motion in one direction costs the same however it is distributed. Below this
+    /// motion, relative to the motion of the sensor, the distribution is rounded off.
+    Batch(f64),
 }
 
 /// A sweep of a sensor.
@@ -192,7 +174,7 @@ struct Sweep<'a> {
     predictor: &'a Predictor<'a>,
     root_m: &'a Vector3<f64>,
     settings: &'a SweepSettings,
-    slip: Slip,
+    stage: Stage,
 }
 
 impl Sweep<'_> {
@@ -254,12 +236,29 @@ impl Sweep<'_> {
         (of_all * largest).powi(2) + (of_load * reading.counts.norm()).powi(2)
     }
 
+    /// Twice the negative logarithm of the density of a motion along the surface, without its constant, and the weight of its
+    /// square (1/m2).
+    fn slip(&self, moved_m: f64, step_m: f64) -> (f64, f64) {
+        match self.stage {
+            Stage::Following => {
+                let weight = (self.settings.slip * step_m).powi(-2);
+                (weight * moved_m * moved_m, weight)
+            }
+            Stage::Batch(rounded) => {
+                let (rounded_m, scale_m) = (rounded * step_m, self.settings.slide * step_m);
+                let length_m = moved_m.hypot(rounded_m);
+                (2.0 * (length_m - rounded_m) / scale_m, 1.0 / (scale_m * length_m))
+            }
+        }
+    }
+
     /// Direction of the force on the wire at a contact in World.
     fn normal(&self, reading: &Reading, place: &Vector3<f64>) -> Option<Vector3<f64>> {
         Some(reading.rotation * normal(self.predictor, self.root_m, &reading.to_sensor(place))?)
     }
 
-    /// Levenberg-Marquardt steps for the contacts of consecutive rows. `is_tied` holds the first contact.
+    /// Steps for the contacts of consecutive rows: of Gauss-Newton while a contact is followed, whose normals are held in each step,
+    /// of Levenberg-Marquardt in the batch. `is_tied` holds the first contact.
     fn solve(&self, rows: &[Reading], places: &mut [Vector3<f64>], iterations: usize, is_tied: bool) {
         const MOST_M: f64 = 2e-3;
         const LEAST_GAIN: f64 = 1e-3;
@@ -276,8 +275,8 @@ impl Sweep<'_> {
             let moved: Vec<Vector3<f64>> =
                 places.iter().enumerate().map(|(i, place)| place + step.fixed_rows::<3>(3 * i) * share).collect();
             let next = self.linearised(rows, &moved);
-            if next.cost < at.cost {
-                let gain = at.cost - next.cost;
+            if next.cost < at.cost || self.stage == Stage::Following {
+                let gain = (at.cost - next.cost).abs();
                 places.copy_from_slice(&moved);
                 (at, damping) = (next, 0.2 * damping);
                 if gain < LEAST_GAIN {
@@ -327,6 +326,9 @@ impl Sweep<'_> {
             linearised.pull.fixed_view_mut::<3, 2>(3 * i, 0).copy_from(&of_common);
             normals.push(self.normal(reading, place).map(|direction| {
                 let turned = |axis: usize| {
+                    if self.stage == Stage::Following {
+                        return Vector3::zeros();
+                    }
                     let moved = self.normal(reading, &(place + Vector3::ith(axis, STEP_M)));
                     moved.map_or_else(Vector3::zeros, |moved| (moved - direction) / STEP_M)
                 };
@@ -337,7 +339,7 @@ impl Sweep<'_> {
         for i in 1..count {
             let step_m = (rows[i].origin_m - rows[i - 1].origin_m).norm().max(1e-5);
             let moved = places[i] - places[i - 1];
-            let (cost, weight) = self.slip.cost(moved.xy().norm(), step_m);
+            let (cost, weight) = self.slip(moved.xy().norm(), step_m);
             let upward = settings.height_m.powi(-2);
             linearised.cost += cost + upward * moved.z.powi(2);
             let weight = Matrix3::from_diagonal(&Vector3::new(weight, weight, upward));
@@ -356,7 +358,8 @@ impl Sweep<'_> {
             if i > 1 {
                 let change = places[i] - 2.0 * places[i - 1] + places[i - 2];
                 // Beyond three standard deviations the weight decreases: contacts jump between edges.
-                let variance_m2 = (settings.smooth * step_m).powi(2);
+                let smooth = settings.smooth[usize::from(self.stage != Stage::Following)];
+                let variance_m2 = (smooth * step_m).powi(2);
                 let square = change.norm_squared() / (JUMP.powi(2) * variance_m2);
                 linearised.cost += JUMP.powi(2) * square.ln_1p();
                 let weight = Matrix3::identity() / (variance_m2 * (1.0 + square));
@@ -503,21 +506,20 @@ mod tests {
         let (predictor, settings) = (process.without(&[]), SweepSettings::default());
         let mut places: Vec<Vector3<f64>> =
             (0..6).map(|i| polar(0.03, 0.01 * f64::from(i), 0.0) + Vector3::y() * 1e-4 * f64::from(i)).collect();
-        let rows = readings(&predictor, &vec![polar(0.031, 0.02, 1e-4); 6]);
-        for slip in [Slip::Gaussian(settings.slip), Slip::Laplace(settings.slide)] {
-            let sweep = Sweep { predictor: &predictor, root_m: &Vector3::zeros(), settings: &settings, slip };
-            let gradient = sweep.linearised(&rows, &places).gradient;
-            for (i, axis) in [(0, 0), (0, 1), (2, 0), (3, 1), (5, 0), (5, 1)] {
-                let mut cost = |by_m: f64| {
-                    places[i][axis] += by_m;
-                    let cost = sweep.linearised(&rows, &places).cost;
-                    places[i][axis] -= by_m;
-                    cost
-                };
-                let slope = (cost(1e-7) - cost(-1e-7)) / 2e-7;
-                let error = (gradient[3 * i + axis] + 0.5 * slope).abs();
-                assert!(error < 0.02 * slope.abs().max(1e3), "{i} {axis}: {} {slope}", gradient[3 * i + axis]);
-            }
+        let rows = readings(&predictor, &[polar(0.031, 0.02, 1e-4); 6]);
+        let sweep =
+            Sweep { predictor: &predictor, root_m: &Vector3::zeros(), settings: &settings, stage: Stage::Batch(0.05) };
+        let gradient = sweep.linearised(&rows, &places).gradient;
+        for (i, axis) in [(0, 0), (0, 1), (2, 0), (3, 1), (5, 0), (5, 1)] {
+            let mut cost = |by_m: f64| {
+                places[i][axis] += by_m;
+                let cost = sweep.linearised(&rows, &places).cost;
+                places[i][axis] -= by_m;
+                cost
+            };
+            let slope = (cost(1e-7) - cost(-1e-7)) / 2e-7;
+            let error = (gradient[3 * i + axis] + 0.5 * slope).abs();
+            assert!(error < 0.02 * slope.abs().max(1e3), "{i} {axis}: {} {slope}", gradient[3 * i + axis]);
         }
     }
 }
