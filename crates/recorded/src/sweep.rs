@@ -22,9 +22,8 @@ pub struct SweepSettings {
     pub reading_sd: [f64; 2],
     /// Standard deviation of the motion along the normal, relative to the motion of the sensor.
     pub normal: f64,
-    /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor: while it is
-    /// followed row by row, and in the batch.
-    pub smooth: [f64; 2],
+    /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor.
+    pub smooth: f64,
     /// Standard deviation of the contact's motion along the surface while it is followed row by row, relative to the motion of the
     /// sensor.
     pub slip: f64,
@@ -32,7 +31,7 @@ pub struct SweepSettings {
     pub slide: f64,
     /// Standard deviation of the height of a contact relative to its neighbour (m).
     pub height_m: f64,
-    /// Iterations of each batch.
+    /// Iterations for all rows together, of each of two kinds.
     pub iterations: usize,
 }
 
@@ -41,11 +40,11 @@ impl Default for SweepSettings {
         Self {
             reading_sd: [0.004, 0.01],
             normal: 0.03,
-            smooth: [0.15, 0.03],
+            smooth: 0.15,
             slip: 1.0,
-            slide: 0.5,
+            slide: 0.4,
             height_m: 0.05e-3,
-            iterations: 30,
+            iterations: 20,
         }
     }
 }
@@ -120,8 +119,7 @@ pub fn contacts(
 ) -> Vec<Option<SweptContact>> {
     let rows = &touch[1..];
     let following = Sweep { predictor, root_m, settings, stage: Stage::Following };
-    // At first rounded off widely, because contacts that stay give way slowly.
-    let batches = [1.0, 0.05].map(|rounded| Sweep { stage: Stage::Batch(rounded), ..following });
+    let batch = Sweep { stage: Stage::Batch, ..following };
     // Forward, row by row, then all rows between two jumps together.
     let mut places = vec![None; rows.len()];
     let mut parts: Vec<Range<usize>> = Vec::new();
@@ -147,8 +145,10 @@ pub fn contacts(
     for part in parts {
         let rows = &rows[part.clone()];
         let mut places: Vec<Vector3<f64>> = places[part.clone()].iter().flatten().copied().collect();
-        batches.iter().for_each(|batch| batch.solve(rows, &mut places, settings.iterations, false));
-        let Some(covariances_m2) = batches[1].linearised(rows, &places).covariances_m2() else { continue };
+        for stage in [&following, &batch] {
+            stage.solve(rows, &mut places, settings.iterations, false);
+        }
+        let Some(covariances_m2) = batch.linearised(rows, &places).covariances_m2() else { continue };
         for (i, ((reading, contact_m), covariance_m2)) in part.zip(rows.iter().zip(places).zip(covariances_m2)) {
             let is_known = predictor.distance_m(&reading.to_sensor(&contact_m)) <= reach_m;
             contacts[i] = is_known.then_some(SweptContact { contact_m, covariance_m2 });
@@ -160,12 +160,12 @@ pub fn contacts(
 /// Which model of the motion is solved.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
-    /// Row by row, by few steps: the motion along the surface has a Gaussian distribution, and each step holds the normals.
+    /// Row by row, and at first all rows together: each step holds the normals and is taken, so that it leaves local minima, and the
+    /// motion along the surface has a Gaussian distribution.
     Following,
-    /// All rows together: this motion has a Laplace distribution, because a contact stays on an edge and slides on a face. Small
-    /// motions are not spread over many rows, and a motion in one direction costs the same however it is distributed. Below this
-    /// motion, relative to the motion of the sensor, the distribution is rounded off.
-    Batch(f64),
+    /// All rows together, with a Laplace distribution, because a contact stays on an edge and slides on a face. Small motions are not
+    /// spread over many rows, and a motion in one direction costs the same however it is distributed.
+    Batch,
 }
 
 /// A sweep of a sensor.
@@ -188,7 +188,8 @@ impl Sweep<'_> {
             let low = i.saturating_sub(FIRST);
             self.solve(&rows[low..=i], &mut places[low..], FOLLOWING, low > 0);
             unexplained = if self.misfit(&rows[i], &places[i]) > UNEXPLAINED { unexplained + 1 } else { 0 };
-            if unexplained == LOST {
+            // A contact of few rows would not be known better than by the motion since the last one.
+            if unexplained >= LOST && rows.len() >= i + 1 - LOST + FIRST {
                 places.truncate(i + 1 - LOST);
                 return;
             }
@@ -239,13 +240,15 @@ impl Sweep<'_> {
     /// Twice the negative logarithm of the density of a motion along the surface, without its constant, and the weight of its
     /// square (1/m2).
     fn slip(&self, moved_m: f64, step_m: f64) -> (f64, f64) {
+        /// Motion below which the Laplace distribution is rounded off, relative to the motion of the sensor.
+        const ROUNDED: f64 = 0.05;
         match self.stage {
             Stage::Following => {
                 let weight = (self.settings.slip * step_m).powi(-2);
                 (weight * moved_m * moved_m, weight)
             }
-            Stage::Batch(rounded) => {
-                let (rounded_m, scale_m) = (rounded * step_m, self.settings.slide * step_m);
+            Stage::Batch => {
+                let (rounded_m, scale_m) = (ROUNDED * step_m, self.settings.slide * step_m);
                 let length_m = moved_m.hypot(rounded_m);
                 (2.0 * (length_m - rounded_m) / scale_m, 1.0 / (scale_m * length_m))
             }
@@ -358,8 +361,7 @@ impl Sweep<'_> {
             if i > 1 {
                 let change = places[i] - 2.0 * places[i - 1] + places[i - 2];
                 // Beyond three standard deviations the weight decreases: contacts jump between edges.
-                let smooth = settings.smooth[usize::from(self.stage != Stage::Following)];
-                let variance_m2 = (smooth * step_m).powi(2);
+                let variance_m2 = (settings.smooth * step_m).powi(2);
                 let square = change.norm_squared() / (JUMP.powi(2) * variance_m2);
                 linearised.cost += JUMP.powi(2) * square.ln_1p();
                 let weight = Matrix3::identity() / (variance_m2 * (1.0 + square));
@@ -508,7 +510,7 @@ mod tests {
             (0..6).map(|i| polar(0.03, 0.01 * f64::from(i), 0.0) + Vector3::y() * 1e-4 * f64::from(i)).collect();
         let rows = readings(&predictor, &[polar(0.031, 0.02, 1e-4); 6]);
         let sweep =
-            Sweep { predictor: &predictor, root_m: &Vector3::zeros(), settings: &settings, stage: Stage::Batch(0.05) };
+            Sweep { predictor: &predictor, root_m: &Vector3::zeros(), settings: &settings, stage: Stage::Batch };
         let gradient = sweep.linearised(&rows, &places).gradient;
         for (i, axis) in [(0, 0), (0, 1), (2, 0), (3, 1), (5, 0), (5, 1)] {
             let mut cost = |by_m: f64| {
