@@ -309,20 +309,25 @@ impl Predictor<'_> {
 
     /// Expected reading (counts), and its derivatives by the contact (counts/m), 2x3.
     pub fn predict(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let [(first, first_slopes), (second, second_slopes)] =
+            [0, 1].map(|channel| self.predict_channel(channel, contact_m));
+        (Vector2::new(first, second), Matrix2x3::from_rows(&[first_slopes.transpose(), second_slopes.transpose()]))
+    }
+
+    /// The same of one channel, with the derivatives as 3x1.
+    pub fn predict_channel(&self, channel: usize, contact_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let process = self.process;
-        let (mut reading, mut slopes) = process.trend.at(contact_m);
+        let (readings, all_slopes) = process.trend.at(contact_m);
+        let (mut reading, mut slopes) = (readings[channel], all_slopes.row(channel).transpose());
+        let kernel = &process.kernels[channel];
         for (i, sample) in process.places.iter().enumerate() {
             if !self.is_kept[i] {
                 continue;
             }
-            let offset = sample.contact_m - contact_m;
-            for channel in 0..2 {
-                let kernel = &process.kernels[channel];
-                let part = self.weights[channel][i] * kernel.map(contact_m, &sample.contact_m);
-                reading[channel] += part;
-                for axis in 0..3 {
-                    slopes[(channel, axis)] += part * offset[axis] / kernel.length_m[axis].powi(2);
-                }
+            let part = self.weights[channel][i] * kernel.map(contact_m, &sample.contact_m);
+            reading += part;
+            for axis in 0..3 {
+                slopes[axis] += part * (sample.contact_m[axis] - contact_m[axis]) / kernel.length_m[axis].powi(2);
             }
         }
         (reading * process.largest_counts, slopes * process.largest_counts)

@@ -19,14 +19,14 @@ use super::{
 use crate::mesh::{self, Triangle};
 use crate::registration::{Mounted, pieces};
 
-/// Published mesh of an object, by a word of its name, and the direction of its z on the stage.
-const FIXTURES: [(&str, &str, f64); 6] = [
-    ("cylinder", "ConeFixture.stl", 1.0),
-    ("cone", "ConeFixture.stl", 1.0),
-    ("square", "SquareFixture.stl", 1.0),
-    ("surface", "FlatFixture.stl", 1.0),
-    ("step", "StepFixture.stl", 1.0),
-    ("star", "StarFixture2.stl", -1.0),
+/// Published mesh of an object, by a word of its name.
+const FIXTURES: [(&str, &str); 6] = [
+    ("cylinder", "ConeFixture.stl"),
+    ("cone", "ConeFixture.stl"),
+    ("square", "SquareFixture.stl"),
+    ("surface", "FlatFixture.stl"),
+    ("step", "StepFixture.stl"),
+    ("star", "StarFixture2.stl"),
 ];
 
 /// Largest extent of a mesh below which its unit cannot be the millimetre.
@@ -242,18 +242,20 @@ fn mesh(
     object: &str,
     known: &mut BTreeMap<&'static str, Vec<Triangle>>,
 ) -> Result<Option<Vec<Triangle>>, Error> {
-    let Some(&(_, file, up)) = FIXTURES.iter().find(|(word, ..)| object.contains(word)) else { return Ok(None) };
+    let Some(&(_, file)) = FIXTURES.iter().find(|(word, _)| object.contains(word)) else { return Ok(None) };
     let path = folder.join(MESHES).join(file);
     if !path.is_file() {
         return Ok(None);
     }
     if !known.contains_key(file) {
-        known.insert(file, placed(&path, up)?);
+        known.insert(file, placed(&path)?);
     }
     Ok(known.get(file).cloned())
 }
 
-fn placed(path: &Path, up: f64) -> Result<Vec<Triangle>, Error> {
+/// The mesh of a file in the frame of the objects (m). An object whose mesh lies above the plane z = 0 instead of below it was
+/// mounted upside down: half a turn about y brings it below. A reflection at the plane would exchange its left and right side.
+fn placed(path: &Path) -> Result<Vec<Triangle>, Error> {
     let triangles = mesh::triangles(path)?;
     let extent = |axis: usize| {
         let values = || triangles.iter().flatten().map(|corner| corner[axis]);
@@ -266,7 +268,10 @@ fn placed(path: &Path, up: f64) -> Result<Vec<Triangle>, Error> {
     }
     // Here z has the direction of the stage, against which the authors measure the heights of contacts.
     let [x_mm, y_mm, z_mm] = MESHES_MM;
-    let place = |[x, y, z]: [f64; 3]| [(x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (up * z - z_mm) * M_PER_MM];
+    let is_above = triangles.iter().flatten().all(|corner| corner[2] >= 0.0);
+    let turn = if is_above { -1.0 } else { 1.0 };
+    let place =
+        |[x, y, z]: [f64; 3]| [(turn * x + x_mm) * M_PER_MM, (y + y_mm) * M_PER_MM, (turn * z - z_mm) * M_PER_MM];
     Ok(triangles.into_iter().map(|corners| corners.map(place)).collect())
 }
 
@@ -316,15 +321,38 @@ mod tests {
         assert!(stanford_in_space(home.path()).is_err());
     }
 
-    #[test]
-    fn robust_a_mesh_in_metres_is_named() {
+    /// A mesh file with one triangle, whose corners are in mm.
+    fn triangle(corners_mm: [[f32; 3]; 3]) -> tempfile::NamedTempFile {
         let mut bytes = vec![0u8; 80];
         bytes.extend(1u32.to_le_bytes());
-        let numbers = [0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.04, 0.0];
-        bytes.extend(numbers.into_iter().flat_map(f32::to_le_bytes).chain([0, 0]));
+        let numbers = [0.0_f32, 0.0, 1.0].into_iter().chain(corners_mm.into_iter().flatten());
+        bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
         let file = tempfile::NamedTempFile::new().unwrap();
         fs::write(file.path(), bytes).unwrap();
-        let message = placed(file.path(), 1.0).unwrap_err().to_string();
+        file
+    }
+
+    #[test]
+    fn verif_a_mesh_above_the_plane_is_turned_not_reflected() {
+        let placed = |corners_mm| placed(triangle(corners_mm).path()).unwrap()[0].map(Vector3::from);
+        let volume = |[a, b, c]: [Vector3<f64>; 3], origin_m: Vector3<f64>| {
+            (a - origin_m).dot(&(b - origin_m).cross(&(c - origin_m)))
+        };
+        // The signed volume of a tetrahedron with the image of the origin changes its sign by a reflection.
+        let origin_m = Vector3::new(MESHES_MM[0], MESHES_MM[1], -MESHES_MM[2]) * M_PER_MM;
+        let below = [[10.0, 0.0, -5.0], [0.0, 10.0, -6.0], [0.0, 0.0, -7.0]];
+        let above = below.map(|[x, y, z]: [f32; 3]| [-x, y, -z]);
+        let (one, other) = (placed(below), placed(above));
+        assert!(volume(one, origin_m) < 0.0);
+        for (a, b) in one.iter().zip(&other) {
+            assert!((a - b).norm() < 1e-12, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn robust_a_mesh_in_metres_is_named() {
+        let file = triangle([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.04, 0.0]]);
+        let message = placed(file.path()).unwrap_err().to_string();
         assert!(message.contains("expected coordinates in mm, not in m"), "{message}");
     }
 }
