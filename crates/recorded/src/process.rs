@@ -314,7 +314,10 @@ impl Predictor<'_> {
         (Vector2::new(first, second), Matrix2x3::from_rows(&[first_slopes.transpose(), second_slopes.transpose()]))
     }
 
-    /// The same of one channel, with the derivatives as 3x1.
+    /// The same of one channel, 0 or 1, with the derivatives as 3x1.
+    ///
+    /// # Panics
+    /// If there is no such channel.
     pub fn predict_channel(&self, channel: usize, contact_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let process = self.process;
         let (readings, all_slopes) = process.trend.at(contact_m);

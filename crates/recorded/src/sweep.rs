@@ -24,10 +24,10 @@ pub struct SweepSettings {
     pub normal: f64,
     /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor.
     pub smooth: f64,
-    /// Standard deviation of the contact's motion along the surface while it is followed row by row, relative to the motion of the
-    /// sensor.
+    /// Standard deviation of the contact's motion along the surface while it is followed row by row, and in the first iterations for all
+    /// rows together, relative to the motion of the sensor.
     pub slip: f64,
-    /// Scale of the Laplace distribution of this motion in the batch, relative to the motion of the sensor.
+    /// Scale of the Laplace distribution of this motion in the last iterations, relative to the motion of the sensor.
     pub slide: f64,
     /// Standard deviation of the height of a contact relative to its neighbour (m).
     pub height_m: f64,
@@ -100,7 +100,7 @@ pub struct SweptContact {
 /// Number of rows from which a contact is first found, and over which it is followed.
 const FIRST: usize = 8;
 
-/// Number of consecutive rows whose readings a contact does not explain until it is lost, and their squared normalised residual.
+/// A contact is lost after this many consecutive rows whose squared normalised residual exceeds [`UNEXPLAINED`].
 const LOST: usize = 3;
 const UNEXPLAINED: f64 = 9.0;
 
@@ -110,14 +110,15 @@ const FOLLOWING: usize = 3;
 /// Contacts in World of every row of a touch, whose first reading is the last one before it. `None` for contacts outside the
 /// calibrated domain.
 ///
-/// A contact that jumps, as from point to point of a star, is lost and found again: the rows between two jumps have their own batch.
+/// A contact that jumps, as from point to point of a star, is lost and found again: the rows between two jumps have their own batch. The
+/// covariance along the surface is a lower bound, since the Laplace distribution of the motion has a sharp peak.
 pub fn contacts(
     predictor: &Predictor<'_>,
     root_m: &Vector3<f64>,
     touch: &[Reading],
     settings: &SweepSettings,
 ) -> Vec<Option<SweptContact>> {
-    let rows = &touch[1..];
+    let Some((_, rows)) = touch.split_first() else { return Vec::new() };
     let following = Sweep { predictor, root_m, settings, stage: Stage::Following };
     let batch = Sweep { stage: Stage::Batch, ..following };
     // Forward, row by row, then all rows between two jumps together.
@@ -127,14 +128,17 @@ pub fn contacts(
     while from < rows.len() {
         let mut first = FixedPoint::new(predictor, Settings::default(), touch[from]);
         let start = rows[from..].iter().take(FIRST).filter_map(|reading| first.step(*reading)).last();
-        let Some(start) = start else { break };
+        let Some(start) = start else {
+            from += 1;
+            continue;
+        };
         let mut found = vec![start.contact_m; FIRST.min(rows.len() - from)];
         following.follow(&rows[from..], &mut found);
         let before = parts.last().map_or(0, |part| part.start + FIRST);
         let to = from + found.len();
         from = following.reach_back(rows, &places, &mut found, before.min(from)..from);
         if let Some(part) = parts.last_mut() {
-            part.end = from;
+            part.end = part.end.min(from);
         }
         places[from..to].iter_mut().zip(found).for_each(|(place, found)| *place = Some(found));
         parts.push(from..to);
@@ -187,8 +191,10 @@ impl Sweep<'_> {
             places.push(places[i - 1]);
             let low = i.saturating_sub(FIRST);
             self.solve(&rows[low..=i], &mut places[low..], FOLLOWING, low > 0);
-            unexplained = if self.misfit(&rows[i], &places[i]) > UNEXPLAINED { unexplained + 1 } else { 0 };
-            // A contact of few rows would not be known better than by the motion since the last one.
+            // A misfit that is not a number is none that is explained.
+            let is_explained = self.misfit(&rows[i], &places[i]) <= UNEXPLAINED;
+            unexplained = if is_explained { 0 } else { unexplained + 1 };
+            // With fewer rows left, a new search would be less certain than the followed contact.
             if unexplained >= LOST && rows.len() >= i + 1 - LOST + FIRST {
                 places.truncate(i + 1 - LOST);
                 return;
@@ -196,8 +202,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Extends contacts that begin at the end of `earlier` to those of these rows before it whose readings they explain better than
-    /// the contacts that were followed until then: it takes some rows until a contact is lost. Returns their first row.
+    /// Extends new contacts that begin at the end of `earlier` backwards over its last rows, as long as they explain a row better than
+    /// the previous contact, which is lost only some rows after a jump. Returns the first row.
     fn reach_back(
         &self,
         rows: &[Reading],
@@ -215,7 +221,7 @@ impl Sweep<'_> {
             let mut moved: Vec<Vector3<f64>> = places[..count].iter().rev().copied().collect();
             moved.push(places[0]);
             self.solve(&back, &mut moved, FOLLOWING, true);
-            if self.misfit(&back[count], &moved[count]) >= other.max(1.0) {
+            if self.misfit(&back[count], &moved[count]) >= other {
                 break;
             }
             places.insert(0, moved[count]);
@@ -290,9 +296,7 @@ impl Sweep<'_> {
             }
         }
     }
-}
 
-impl Sweep<'_> {
     fn linearised(&self, rows: &[Reading], places: &[Vector3<f64>]) -> Linearised {
         /// Squared normalised residual at which a reading counts as outlier, and change of the motion, in standard deviations,
         /// beyond which its weight decreases.
