@@ -94,10 +94,12 @@ fn robust_a_wrapped_yaw_does_not_change_the_estimates() {
 /// Readings that are disturbed until the release contradict the models of that touch.
 #[test]
 fn robust_doubt_of_one_touch_is_none_of_the_next() {
+    /// Time in which every other reading is an outlier, long enough for their limited mean.
+    const DOUBTED_S: f64 = 1.0;
     let mut estimator = estimator(row("recommended").unwrap(), &knowledge(NOISE_N_M), 1);
     let mut doubted = [false; 2];
     for (i, (t_s, mut sample)) in samples(&knowledge(NOISE_N_M), 4.0, |_| true).into_iter().enumerate() {
-        if (LIFTED_S.start - 0.5..LIFTED_S.start).contains(&t_s) && i % 2 == 0 {
+        if (LIFTED_S.start - DOUBTED_S..LIFTED_S.start).contains(&t_s) && i % 2 == 0 {
             sample.reading_n_m *= 1.5;
         }
         if LIFTED_S.contains(&t_s) {
