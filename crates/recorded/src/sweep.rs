@@ -266,8 +266,8 @@ impl Sweep<'_> {
         Some(reading.rotation * normal(self.predictor, self.root_m, &reading.to_sensor(place))?)
     }
 
-    /// Steps for the contacts of consecutive rows: of Gauss-Newton while a contact is followed, whose normals are held in each step,
-    /// of Levenberg-Marquardt in the batch. `is_tied` holds the first contact.
+    /// Steps of Levenberg-Marquardt for the contacts of consecutive rows. While a contact is followed, its normals are held in each
+    /// step, and every step is taken. `is_tied` holds the first contact.
     fn solve(&self, rows: &[Reading], places: &mut [Vector3<f64>], iterations: usize, is_tied: bool) {
         const MOST_M: f64 = 2e-3;
         const LEAST_GAIN: f64 = 1e-3;
