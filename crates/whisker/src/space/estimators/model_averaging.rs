@@ -61,7 +61,7 @@ pub(super) struct Config {
 }
 
 impl Default for Config {
-    /// Weights, factor and the number of means per step of the fits were chosen on random scenes in space that are not reported.
+    /// Weights and factor were chosen on random scenes in space that are not reported.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
         Self {

@@ -28,6 +28,25 @@ const BEYOND_SD: f64 = 0.3;
 /// load on a beam clamped at one end and supported at the other.
 const INERTIA: f64 = 0.125;
 
+/// What the sensor model expects of a contact.
+pub(super) struct Expected {
+    /// Readings, and their derivatives by the coordinates about the whisker.
+    pub(super) reading_n_m: Vector2<f64>,
+    pub(super) slopes: Matrix2x3<f64>,
+    /// Covariance of the model's error.
+    pub(super) model_n2_m2: Matrix2<f64>,
+    /// Error of the part of the readings that is extrapolated beyond the calibrated domain, one standard deviation with the sign of
+    /// this part.
+    pub(super) beyond_n_m: Vector2<f64>,
+}
+
+impl Expected {
+    /// Covariance of both errors.
+    pub(super) fn covariance_n2_m2(&self) -> Matrix2<f64> {
+        self.model_n2_m2 + self.beyond_n_m * self.beyond_n_m.transpose()
+    }
+}
+
 /// The whisker in contact.
 #[derive(Clone)]
 pub(super) struct Side {
@@ -56,39 +75,30 @@ impl Side {
         Some(self.calibrated.geometry()?.at(at))
     }
 
-    /// Expected readings and their derivatives by the coordinates about the whisker. Beyond the calibrated domain they are
-    /// extrapolated linearly from the nearest calibrated contact, so that a belief that extends over the border is drawn back.
-    pub(super) fn expect(&self, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
-        let held = self.calibrated.domain.clamp(at);
-        let (reading_n_m, slopes) = self.calibrated.model.predict_around(self.rest(), held);
-        (reading_n_m + slopes * (at.vector() - held.vector()), slopes)
+    /// What the sensor model expects of a contact. Beyond the calibrated domain the readings are extrapolated linearly from the
+    /// nearest calibrated contact, so that a belief that extends over the border is drawn back, and the model error is that at the
+    /// border.
+    pub(super) fn expect(&self, at: Around) -> Expected {
+        let CalibratedSpace { domain, model, error, .. } = &*self.calibrated;
+        let (held, shares) = domain.held(at);
+        let (reading_n_m, slopes) = model.predict_around(self.rest(), held);
+        let extrapolated_n_m = slopes * (at.vector() - held.vector());
+        Expected {
+            reading_n_m: reading_n_m + extrapolated_n_m,
+            slopes,
+            model_n2_m2: error.covariance_at(held, shares),
+            beyond_n_m: extrapolated_n_m * BEYOND_SD,
+        }
+    }
+
+    /// Variance of the measurement noise of a moment, of the mean of `count` readings.
+    pub(super) fn noise_n2_m2(&self, count: f64) -> Matrix2<f64> {
+        Matrix2::identity() * (self.noise_n2_m2 / count)
     }
 
     /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.
     pub(super) fn covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
-        self.model_covariance_n2_m2(at) + self.other_covariance_n2_m2(at, 1.0)
-    }
-
-    /// The same without the model error, of the mean of `count` readings, which reduces the noise alone.
-    pub(super) fn other_covariance_n2_m2(&self, at: Around, count: f64) -> Matrix2<f64> {
-        let beyond = self.beyond_n_m(at);
-        Matrix2::identity() * (self.noise_n2_m2 / count) + beyond * beyond.transpose()
-    }
-
-    /// Error of the extrapolated part of the readings of a contact beyond the calibrated domain, one standard deviation, with the
-    /// sign of this part.
-    pub(super) fn beyond_n_m(&self, at: Around) -> Vector2<f64> {
-        let held = self.calibrated.domain.clamp(at);
-        if held == at {
-            return Vector2::zeros();
-        }
-        let slopes = self.calibrated.model.predict_around(self.rest(), held).1;
-        slopes * (at.vector() - held.vector()) * BEYOND_SD
-    }
-
-    /// Covariance of the sensor model's error at a contact; beyond the calibrated domain, that at its border.
-    pub(super) fn model_covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
-        self.calibrated.model_covariance_n2_m2(self.calibrated.domain.clamp(at))
+        self.expect(at).covariance_n2_m2() + self.noise_n2_m2(1.0)
     }
 
     /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).
@@ -176,7 +186,7 @@ pub(super) struct ContactReading<'a> {
 
 impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
     fn predict(&self, x: &SVector<f64, N>) -> Option<Vector2<f64>> {
-        Some(self.side.expect(Around::of_state(x)).0)
+        Some(self.side.expect(Around::of_state(x)).reading_n_m)
     }
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
@@ -190,9 +200,9 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
     }
 
     fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector2<f64>, SMatrix<f64, 2, N>)> {
-        let (expected, slopes) = self.side.expect(Around::of_state(x));
+        let Expected { reading_n_m, slopes, .. } = self.side.expect(Around::of_state(x));
         let mut jacobian = SMatrix::<f64, 2, N>::zeros();
         jacobian.fixed_columns_mut::<3>(0).copy_from(&slopes);
-        Some((expected, jacobian))
+        Some((reading_n_m, jacobian))
     }
 }

@@ -3,7 +3,7 @@
 use filters::Gaussian;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::side::Side;
+use super::side::{Expected, Side};
 use crate::space::sensor::Around;
 
 /// Newton steps for the displacement that explains the readings.
@@ -38,7 +38,7 @@ pub(super) fn beliefs(
 fn pushed(side: &Side, along_m: f64, sd_m: f64, reading_n_m: Vector2<f64>) -> Option<Gaussian<3>> {
     let mut at = Around::new(along_m, 0.0, 0.0);
     for _ in 0..NEWTON_STEPS {
-        let (expected_n_m, slopes) = side.expect(at);
+        let Expected { reading_n_m: expected_n_m, slopes, .. } = side.expect(at);
         let across = slopes.fixed_columns::<2>(1).try_inverse()?;
         let step = across * (reading_n_m - expected_n_m);
         at = Around::new(along_m, at.left_m + step.x, at.up_m + step.y);
@@ -46,7 +46,7 @@ fn pushed(side: &Side, along_m: f64, sd_m: f64, reading_n_m: Vector2<f64>) -> Op
         side.hold(&mut x);
         at = Around::of_state(&x);
     }
-    let (_, slopes) = side.expect(at);
+    let slopes = side.expect(at).slopes;
     let across = slopes.fixed_columns::<2>(1).try_inverse()?;
     // Along a line of equal readings, and across it.
     let shift = -across * slopes.column(0);

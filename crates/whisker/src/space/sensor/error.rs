@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{Around, SpatialDomain};
+use crate::sensor::Shares;
 use crate::sensor::error_map::corners;
 
 /// Nodes along and away.
@@ -82,8 +83,13 @@ impl SpatialErrorMap {
 
     /// Covariance of the errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2.
     pub fn covariance_n2_m2(&self, domain: &SpatialDomain, at: Around) -> Matrix2<f64> {
+        self.covariance_at(at, domain.shares(at))
+    }
+
+    /// The same, given the position of the contact within the calibrated domain.
+    pub(crate) fn covariance_at(&self, at: Around, shares: Shares) -> Matrix2<f64> {
         let mut covariance = Matrix2::zeros();
-        for (node, weight) in corners(self.along, self.away, domain.shares(at)) {
+        for (node, weight) in corners(self.along, self.away, shares) {
             let [first, mixed, second] = self.covariances_n2_m2[node];
             covariance += Matrix2::new(first, mixed, mixed, second) * weight;
         }

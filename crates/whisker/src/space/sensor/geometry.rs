@@ -70,6 +70,6 @@ impl Geometry {
 /// Direction of a vector, the derivatives of the direction, and the size of the vector.
 fn unit(vector: Vector3<f64>, slopes: Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>, f64) {
     let size = vector.norm();
-    let direction = vector / size;
-    (direction, (Matrix3::identity() - direction * direction.transpose()) / size * slopes, size)
+    let (direction, slopes) = (vector / size, slopes / size);
+    (direction, slopes - direction * direction.tr_mul(&slopes), size)
 }

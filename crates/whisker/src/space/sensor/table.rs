@@ -6,12 +6,17 @@
 //! axis, whose error decreases with the fourth power of the pitch. Beyond the table it is that of the nearest cell, and below a
 //! tenth of the first arc length that at this tenth.
 
+use filters::fearless_simd::f64x8;
+use filters::fearless_simd::prelude::*;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{Around, SpatialDomain};
 
 /// Nodes along the whisker and across.
 const NODES: [usize; 3] = [19, 13, 13];
+
+/// Numbers that are computed together.
+const WIDTH: usize = 8;
 
 /// Extent of the table across the whisker, relative to the calibrated domain.
 const MARGIN: f64 = 1.05;
@@ -41,7 +46,7 @@ pub(crate) struct Looked<const C: usize> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Table<const C: usize> {
     grid: Grid,
-    nodes: Vec<SVector<f64, C>>,
+    nodes: Vec<[f64; C]>,
 }
 
 impl Grid {
@@ -97,7 +102,7 @@ impl<const C: usize> Table<C> {
         mut values: impl FnMut(Around, Option<State>) -> Option<(SVector<f64, C>, State)>,
     ) -> Option<Self> {
         let [_, columns, depth] = NODES;
-        let mut nodes = vec![SVector::zeros(); NODES.iter().product()];
+        let mut nodes = vec![[0.0; C]; NODES.iter().product()];
         let inwards = |i: usize, axis: usize| {
             let middle = NODES[axis] / 2;
             i - usize::from(i > middle) + usize::from(i < middle)
@@ -109,7 +114,7 @@ impl<const C: usize> Table<C> {
             for &[j, k] in &order {
                 let near = states[inwards(j, 1) * depth + inwards(k, 2)].or(along);
                 let (value, state) = values(grid.node([i, j, k]), near)?;
-                nodes[(i * columns + j) * depth + k] = value;
+                nodes[(i * columns + j) * depth + k] = value.into();
                 states[j * depth + k] = Some(state);
             }
             along = states[columns / 2 * depth + depth / 2];
@@ -129,35 +134,60 @@ impl<const C: usize> Table<C> {
             stencil((left + 1.0) * half[0], NODES[1]),
             stencil((up + 1.0) * half[1], NODES[2]),
         ];
-        let mut found = [SVector::<f64, C>::zeros(); 4];
-        for i in 0..4 {
-            let mut plane = [SVector::<f64, C>::zeros(); 3];
-            for j in 0..4 {
-                let start = ((u.first + i) * NODES[1] + v.first + j) * NODES[2] + w.first;
-                let row = &self.nodes[start..start + 4];
-                let level =
-                    row[0] * w.weights[0] + row[1] * w.weights[1] + row[2] * w.weights[2] + row[3] * w.weights[3];
-                let slope = row[0] * w.slopes[0] + row[1] * w.slopes[1] + row[2] * w.slopes[2] + row[3] * w.slopes[3];
-                plane[0] += level * v.weights[j];
-                plane[1] += level * v.slopes[j];
-                plane[2] += slope * v.weights[j];
-            }
-            found[0] += plane[0] * u.weights[i];
-            found[1] += plane[0] * u.slopes[i];
-            found[2] += plane[1] * u.weights[i];
-            found[3] += plane[2] * u.weights[i];
-        }
+        let corner = |i: usize, j: usize| ((u.first + i) * NODES[1] + v.first + j) * NODES[2] + w.first;
+        let nodes = self.nodes.as_slice();
+        let [levels, by_u, by_v] = filters::vectorised!(simd => contracted(simd, nodes, corner, (&u, &v)));
+        let along_w = |nodes: &[[f64; C]; 4], weights: &[f64; 4]| {
+            SVector::from_fn(|c, _| (0..4).map(|k| nodes[k][c] * weights[k]).sum::<f64>())
+        };
+        let values = along_w(&levels, &w.weights);
         // From the coordinates of the grid, in nodes, to those about the whisker.
         let shrink = growth / extent_m;
         let by_along = if at.along_m < held_m { 0.0 } else { 1.0 / (self.grid.pitch * held_m) };
-        let by_grid = SMatrix::<f64, C, 3>::from_columns(&[found[1], found[2], found[3]]);
+        let by_w = along_w(&levels, &w.slopes);
+        let by_grid =
+            SMatrix::<f64, C, 3>::from_columns(&[along_w(&by_u, &w.weights), along_w(&by_v, &w.weights), by_w]);
         let of_coordinates = Matrix3::from_rows(&[
             Vector3::new(by_along, 0.0, 0.0).transpose(),
             (Vector3::new(-left * shrink, 1.0 / extent_m, 0.0) * half[0]).transpose(),
             (Vector3::new(-up * shrink, 0.0, 1.0 / extent_m) * half[1]).transpose(),
         ]);
-        Looked { values: found[0], slopes: by_grid * of_coordinates }
+        Looked { values, slopes: by_grid * of_coordinates }
     }
+}
+
+/// Sums over two axes of four nodes each: of the values, of their derivatives along the first axis and of those along the second.
+/// `corner` is the index of the first of four nodes along the third axis, which are consecutive.
+#[inline(always)]
+fn contracted<S: Simd, const C: usize>(
+    simd: S,
+    nodes: &[[f64; C]],
+    corner: impl Fn(usize, usize) -> usize,
+    (u, v): (&Stencil, &Stencil),
+) -> [[[f64; C]; 4]; 3] {
+    const { assert!(C.is_multiple_of(2), "four nodes fill whole vectors") };
+    let mut found = [[[0.0; C]; 4]; 3];
+    let nodes = nodes.as_flattened();
+    let zero = f64x8::splat(simd, 0.0);
+    for first in (0..4 * C).step_by(WIDTH) {
+        let (mut levels, mut by_u, mut by_v) = (zero, zero, zero);
+        for j in 0..4 {
+            let (mut level, mut slope) = (zero, zero);
+            for i in 0..4 {
+                let start = corner(i, j) * C + first;
+                let row = f64x8::from_slice(simd, &nodes[start..start + WIDTH]);
+                level += row * u.weights[i];
+                slope += row * u.slopes[i];
+            }
+            levels += level * v.weights[j];
+            by_u += slope * v.weights[j];
+            by_v += level * v.slopes[j];
+        }
+        for (sums, vector) in found.iter_mut().zip([levels, by_u, by_v]) {
+            vector.store_slice(&mut sums.as_flattened_mut()[first..first + WIDTH]);
+        }
+    }
+    found
 }
 
 /// Four neighbouring nodes with the weights of their values, and the derivatives of the weights by the position.

@@ -30,7 +30,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::follower::{self, Follower, Tracker, Unrest};
-use super::motion::{Motion, MotionSettings, Neighbours, Place, Resting, Shape, TILT, TILT_S};
+use super::motion::{Fitted, Motion, MotionSettings, Object, Place, Resting, Shape, TILT, TILT_S, moved};
 use super::ringing::Ringing;
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
@@ -66,6 +66,12 @@ const EXCESS_POWER: i32 = 3;
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
 
+/// Expected cost of a mode, beyond the least of the others, above which its search is given up.
+const HOPELESS: f64 = 8.0;
+
+/// Time between samples up to which the work of a step is the same.
+const STEP_S: f64 = 4e-3;
+
 /// Consecutive samples without a contact after which the object is given up.
 const LOST: usize = 50;
 
@@ -99,8 +105,9 @@ pub(super) struct Config {
     pub(super) prune_share: f64,
     /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
     pub(super) gate_sds: f64,
-    /// Means that are evaluated per sample, which bounds the time of a step.
-    pub(super) means_per_step: usize,
+    /// Evaluations of the whisker's geometry per sample, which bound the time of a step; more in proportion if samples are more than
+    /// 4 ms apart, so that a search takes as long at low rates.
+    pub(super) evaluations_per_step: usize,
     /// Standard deviation of the contact for deviations of the object from its model.
     pub(super) deviation_m: f64,
 }
@@ -110,12 +117,12 @@ impl Config {
         Self {
             motion,
             hypotheses: 8,
-            start_s: 0.2,
+            start_s: 0.3,
             modes: 8,
             kept_modes: 3,
             prune_share: 1e-2,
             gate_sds: 5.0,
-            means_per_step: 8,
+            evaluations_per_step: 56,
             deviation_m: 5e-6,
         }
     }
@@ -135,7 +142,7 @@ impl Settings for Config {
         within("kept_modes", self.kept_modes as f64, 1.0..=100.0)?;
         within("prune_share", self.prune_share, 0.0..=0.5)?;
         within("gate_sds", self.gate_sds, 1.0..=1e6)?;
-        within("means_per_step", self.means_per_step as f64, 1.0..=1e4)?;
+        within("evaluations_per_step", self.evaluations_per_step as f64, 1.0..=1e5)?;
         within("deviation_m", self.deviation_m, 0.0..=0.1)?;
         self.filter(self.motion).validate()
     }
@@ -143,11 +150,11 @@ impl Settings for Config {
 
 /// An object that explains the readings.
 #[derive(Clone, Copy)]
-struct Mode<const N: usize> {
+struct Mode<Body, const N: usize> {
     /// Pose of the base that the state belongs to.
     reference: Pose<Base, Start>,
     prior: Prior<N>,
-    about: Neighbours<N>,
+    about: Fitted<Body, N>,
     covariance: SMatrix<f64, N, N>,
     /// Cost per mean relative to its expectation, at least 1.
     excess: f64,
@@ -161,11 +168,11 @@ struct Mode<const N: usize> {
 }
 
 /// Searches of all modes on the same means.
-struct Round<const N: usize> {
+struct Round<Body, const N: usize> {
     means: Vec<Mean>,
     /// The mode whose search is in progress.
     mode: usize,
-    search: Search<N>,
+    search: Search<Body, N>,
     log_evidence: Vec<f64>,
     /// Smallest cost of a mode.
     least_cost: f64,
@@ -174,7 +181,7 @@ struct Round<const N: usize> {
 }
 
 /// Follows the contacts with one object after another.
-pub(super) struct Fitter<Model, const N: usize> {
+pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     config: Config,
     model: Model,
     side: Side,
@@ -185,12 +192,14 @@ pub(super) struct Fitter<Model, const N: usize> {
     ringing: Ringing,
     base: Pose<Base, Start>,
     elapsed_s: f64,
+    /// Time since the last sample.
+    dt_s: f64,
     readings: Readings,
-    modes: Vec<Mode<N>>,
+    modes: Vec<Mode<Model::Object, N>>,
     /// The modes of the start, of which `next_start` is searched again if the readings contradict all others.
-    starts: Vec<Mode<N>>,
+    starts: Vec<Mode<Model::Object, N>>,
     next_start: usize,
-    round: Option<Round<N>>,
+    round: Option<Round<Model::Object, N>>,
     lost: usize,
     /// Whether the next reading is the first of a touch, or of a fit that begins anew.
     is_first: bool,
@@ -265,6 +274,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             ringing: Ringing::new(knowledge.calibrated.whisker.whisker.damping_s),
             base: Pose::identity(),
             elapsed_s: 0.0,
+            dt_s: 0.0,
             readings: Readings::default(),
             modes: Vec::new(),
             starts: Vec::new(),
@@ -300,7 +310,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 
     /// The modes from the probable hypotheses of the filter.
-    fn begin(&self, front: &Follower<Resting, 3>) -> Vec<Mode<N>> {
+    fn begin(&self, front: &Follower<Resting, 3>) -> Vec<Mode<Model::Object, N>> {
         let mut places: Vec<(Gaussian<3>, f64)> = front.hypotheses().collect();
         places.sort_by(|a, b| b.1.total_cmp(&a.1));
         let most = places.first().map_or(0.0, |(_, weight)| *weight);
@@ -318,7 +328,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             Some(Mode {
                 reference: self.base,
                 prior: Prior { mean, sd },
-                about: Neighbours::new(&self.side, &x)?,
+                about: Fitted::new(&self.side, &self.model, &x)?,
                 covariance,
                 excess: 1.0,
                 log_weight: weight.ln(),
@@ -332,8 +342,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Goes on with the searches.
     fn search(&mut self) {
-        let Some(round) = &mut self.round else {
-            self.round = self.search_of(0).map(|search| Round {
+        if self.round.is_none() {
+            self.round = self.search_of(0, f64::INFINITY).map(|search| Round {
                 means: self.readings.means().to_vec(),
                 mode: 0,
                 search,
@@ -341,13 +351,26 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 least_cost: f64::INFINITY,
                 since: 0.0,
             });
-            return;
-        };
-        let Config { gate_sds, means_per_step, .. } = self.config;
-        let evidence = Evidence { side: &self.side, shape: &self.model, means: &round.means, gate_sds };
-        if !round.search.advance(&evidence, means_per_step) {
-            return;
         }
+        let gate_sds = self.config.gate_sds;
+        let (mut work, most_work) = (0, self.most_work());
+        while work < most_work
+            && let Some(round) = &mut self.round
+        {
+            let evidence = Evidence { side: &self.side, shape: &self.model, means: &round.means, gate_sds };
+            if round.search.advance(&evidence, &mut work, most_work) {
+                self.conclude();
+            }
+        }
+    }
+
+    /// Evaluations of this step.
+    fn most_work(&self) -> usize {
+        (self.config.evaluations_per_step as f64 * (self.dt_s / STEP_S).max(1.0)).round() as usize
+    }
+
+    /// Takes the result of a search, and begins that of the next mode or weighs all modes.
+    fn conclude(&mut self) {
         let Some(mut round) = self.round.take() else { return };
         let mode = &mut self.modes[round.mode];
         let is_new = mode.is_new();
@@ -375,7 +398,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 self.start_again();
             }
         } else {
-            self.round = self.search_of(next).map(|search| Round { mode: next, search, ..round });
+            self.round =
+                self.search_of(next, round.least_cost + HOPELESS).map(|search| Round { mode: next, search, ..round });
         }
     }
 
@@ -389,13 +413,13 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.next_start = (self.next_start + 1) % self.starts.len();
     }
 
-    fn search_of(&self, mode: usize) -> Option<Search<N>> {
+    fn search_of(&self, mode: usize, most_cost: f64) -> Option<Search<Model::Object, N>> {
         let mode = self.modes.get(mode)?;
         let Mode { reference, prior, about, near, .. } = mode;
         // Until the first search has ended, the contact is known at the reference pose alone.
         let pose = if self.front.is_some() || mode.is_new() { *reference } else { self.base };
-        let trials = if mode.is_new() { START_TRIALS } else { MOST_TRIALS };
-        Search::new(&self.side, *reference, *prior, &about.x, (*near, pose), trials)
+        let (trials, most_cost) = if mode.is_new() { (START_TRIALS, f64::INFINITY) } else { (MOST_TRIALS, most_cost) };
+        Search::new((&self.side, &self.model), *reference, *prior, &about.x, (*near, pose), trials, most_cost)
     }
 
     /// Weights of the modes by their evidence from a number of means; improbable modes and duplicates are dropped. Returns the
@@ -411,9 +435,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.modes.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let least = self.config.prune_share.ln();
         let model = self.model;
-        let mut kept: Vec<Mode<N>> = Vec::new();
+        let mut kept: Vec<Mode<Model::Object, N>> = Vec::new();
         for mode in std::mem::take(&mut self.modes) {
-            let is_same = |other: &Mode<N>| {
+            let is_same = |other: &Mode<Model::Object, N>| {
                 let mut x = mode.about.x;
                 model.align(&mut x, &other.about.x);
                 let away = x - other.about.x;
@@ -439,11 +463,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 
     /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
-    fn present(&self, mode: &mut Mode<N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
+    fn present(&self, mode: &mut Mode<Model::Object, N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
         let (side, model) = (&self.side, &self.model);
         let motion = mode.reference.then(&self.base.inverse());
-        let object = mode.about.object(model, &motion, 0.0);
-        let found = mode.about.touched(side, model, (&object, &motion), mode.near)?;
+        let object = mode.about.object(&motion);
+        let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
         let place = found.0;
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
@@ -470,13 +494,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
         let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial.rad;
         let at = Around::of_state(&(state + by_tilt * tilt_rad));
-        let (expected_n_m, by_contact) = side.expect(at);
+        let expected = side.expect(at);
+        let by_contact = expected.slopes;
         let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
         let of_contact: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let spread = by_contact * of_contact * by_contact.transpose()
             + by_reading * by_reading.transpose() * tilt_rad2
-            + side.covariance_n2_m2(at);
-        let innovation = Innovation::of(sample.reading_n_m - expected_n_m, spread)?;
+            + expected.covariance_n2_m2()
+            + side.noise_n2_m2(1.0);
+        let innovation = Innovation::of(sample.reading_n_m - expected.reading_n_m, spread)?;
         let gain = spread.try_inverse()? * by_reading * tilt_rad2;
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
         mode.tilt =
@@ -564,20 +590,20 @@ fn further_factor(excess: f64, recent_nis: f64) -> f64 {
     (recent_nis / excess).max(1.0) * excess.powi(EXCESS_POWER - 1)
 }
 
-impl<const N: usize> Mode<N> {
+impl<Body: Object, const N: usize> Mode<Body, N> {
     /// Whether it was never weighed against the others.
     fn is_new(&self) -> bool {
         self.log_weight == f64::NEG_INFINITY
     }
 
     /// Refers the state to the present pose of the base if the whisker is deflected farther there.
-    fn renew<Model: Shape<N>>(&mut self, side: &Side, model: &Model, base: &Pose<Base, Start>) {
+    fn renew<Model: Shape<N, Object = Body>>(&mut self, side: &Side, model: &Model, base: &Pose<Base, Start>) {
         if self.near.away_m() < FARTHER * Around::of_state(&self.about.x).away_m() {
             return;
         }
         let motion = self.reference.then(&base.inverse());
-        let Some((x, slopes)) = self.about.moved(side, model, &motion, 0.0, self.near) else { return };
-        let Some(about) = Neighbours::new(side, &x) else { return };
+        let Some((x, slopes)) = moved(side, model, &self.about.x, (&motion, 0.0), self.near) else { return };
+        let Some(about) = Fitted::new(side, model, &x) else { return };
         (self.reference, self.about) = (*base, about);
         self.covariance = slopes * self.covariance * slopes.transpose();
         self.prior.mean.fixed_rows_mut::<3>(0).copy_from(&x.fixed_rows::<3>(0));
@@ -588,6 +614,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
+        self.dt_s = sample.dt_s;
         self.accelerate(sample);
         let is_first = std::mem::replace(&mut self.is_first, false);
         if is_first {

@@ -21,9 +21,11 @@ const COARSER: f64 = std::f64::consts::SQRT_2;
 pub(super) struct Mean {
     /// Pose of the base at the first reading.
     first: Pose<Base, Start>,
-    /// Mean of the displacement (m) and of the rotation vector (rad) from the first pose, the latter in the base's frame.
+    /// Mean of the displacement (m) and of the rotation vector (rad) from the first pose, the latter in the base's frame, and the mean
+    /// pose that they give.
     shift_m: Vector3<f64>,
     turn_rad: Vector3<f64>,
+    base: Pose<Base, Start>,
     /// Mean of both moments.
     pub(super) reading_n_m: Vector2<f64>,
     /// Number of readings, time that they cover, and number of stays of the base at the pose in which they were taken.
@@ -49,6 +51,7 @@ impl Mean {
             first: base,
             shift_m,
             turn_rad,
+            base,
             reading_n_m,
             count: 1.0,
             duration_s,
@@ -59,9 +62,8 @@ impl Mean {
     }
 
     /// Mean pose of the base.
-    pub(super) fn base(&self) -> Pose<Base, Start> {
-        let turned = Rotation3::from_matrix_unchecked(self.first.rotation()) * Rotation3::new(self.turn_rad);
-        Pose::new(self.first.origin().vector() + self.shift_m, turned)
+    pub(super) fn base(&self) -> &Pose<Base, Start> {
+        &self.base
     }
 
     /// Mean duration of a stay. Each begins with the same oscillation of the wire if the base arrives in the same way, so that the
@@ -81,9 +83,11 @@ impl Mean {
     fn join(&mut self, other: &Self) {
         let count = self.count + other.count;
         let share = other.count / count;
-        let (shift_m, turn_rad) = self.way_to(&other.base());
+        let (shift_m, turn_rad) = self.way_to(&other.base);
         self.shift_m += (shift_m - self.shift_m) * share;
         self.turn_rad += (turn_rad - self.turn_rad) * share;
+        let turned = Rotation3::from_matrix_unchecked(self.first.rotation()) * Rotation3::new(self.turn_rad);
+        self.base = Pose::new(self.first.origin().vector() + self.shift_m, turned);
         self.reading_n_m += (other.reading_n_m - self.reading_n_m) * share;
         self.acceleration2 += (other.acceleration2 - self.acceleration2) * share;
         self.response.include(&other.response, share);
@@ -135,7 +139,7 @@ impl Readings {
     /// The index of the mean that includes a reading, or the readings of a mean.
     fn include(&mut self, reading: Mean) -> usize {
         let (way_m, turn_rad) = (self.scale * WAY_M, self.scale * TURN_RAD);
-        let base = reading.base();
+        let base = reading.base;
         let distances = self.means.iter().enumerate().filter_map(|(i, mean)| {
             let far = mean.first.origin().distance(&base.origin()) / way_m;
             if far > 1.0 {

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix2x4, SMatrix, SVector};
 use super::readings::Mean;
 use crate::RestShape;
 use crate::frames::{Base, Start};
-use crate::space::estimators::motion::{Neighbours, Shape, TILT, TILT_S};
+use crate::space::estimators::motion::{Fitted, Object, Shape, TILT, TILT_S};
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
@@ -29,6 +29,9 @@ pub(super) const START_TRIALS: usize = 12;
 /// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency. Where
 /// the base moves to and fro, this tilt looks like another curvature of the object.
 const INERTIA_SD: f64 = 0.4;
+
+/// Work on a mean beside the search for its contact, in evaluations of the whisker's geometry.
+const MEAN_WORK: usize = 2;
 
 /// Prior of the state of a contact at its reference pose: independent entries.
 #[derive(Clone, Copy, Debug)]
@@ -95,29 +98,31 @@ impl<const N: usize> Quadratic<N> {
 }
 
 /// The means that an object is to explain, and the models of sensor and object that predict them.
-pub(super) struct Evidence<'a, Object, const N: usize> {
+pub(super) struct Evidence<'a, Model, const N: usize> {
     pub(super) side: &'a Side,
-    pub(super) shape: &'a Object,
+    pub(super) shape: &'a Model,
     pub(super) means: &'a [Mean],
     pub(super) gate_sds: f64,
 }
 
-impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
+impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
     /// Adds the residual of one mean to the approximation about a state at `reference`; `near` is the contact from which that with
     /// the mean's pose is sought, and is replaced by it if there is one. Residuals beyond the gate count by their logarithm.
-    /// Whether there is a contact.
+    /// Whether there is a contact. `work` grows by the evaluations of the whisker's geometry.
     fn add(
         &self,
         quadratic: &mut Quadratic<N>,
-        about: &Neighbours<N>,
+        about: &Fitted<Model::Object, N>,
         reference: &Pose<Base, Start>,
         mean: &Mean,
         near: &mut Around,
+        work: &mut usize,
     ) -> bool {
         let Self { side, shape, .. } = self;
         let motion = reference.then(&mean.base().inverse());
-        let object = about.object(*shape, &motion, 0.0);
-        let Some(found) = about.touched(side, *shape, (&object, &motion), *near) else {
+        let object = about.object(&motion);
+        *work += MEAN_WORK;
+        let Some(found) = about.touched(side, *shape, (&object, &motion), *near, work) else {
             // A contact that does not exist is as improbable as an outlier.
             quadratic.cost += self.gate_sds.powi(2);
             return false;
@@ -126,34 +131,32 @@ impl<Object: Shape<N>, const N: usize> Evidence<'_, Object, N> {
         *near = place.at;
         let (slopes, by_tilt, here) = about.contact_slopes(*shape, &motion, &found);
         let inertial = about.inertial_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
-        let (expected_n_m, by_contact) = side.expect(Around::of_state(&(near.vector() + by_tilt * inertial.rad)));
+        let expected = side.expect(Around::of_state(&(near.vector() + by_tilt * inertial.rad)));
+        let by_contact = expected.slopes;
         let slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration of a stay, its variance with the square.
         let repeats = 1.0 + (mean.stay_s() / (2.0 * TILT_S)).powi(2);
         let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
         let by_tilt = by_contact * by_tilt * inertial.sd_rad();
-        let model = side.model_covariance_n2_m2(*near);
-        let of_mean = model + side.other_covariance_n2_m2(*near, mean.count);
-        let mut covariance = of_mean + by_tilt * by_tilt.transpose();
-        let inertia = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
-        (covariance[(0, 0)], covariance[(1, 1)]) = (covariance[(0, 0)] + inertia, covariance[(1, 1)] + inertia);
+        let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
+        let independent = side.noise_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
+        let covariance = expected.covariance_n2_m2() + independent + by_tilt * by_tilt.transpose();
         let Some(factor) = covariance.cholesky() else { return false };
-        let residual = expected_n_m - mean.reading_n_m;
+        let residual = expected.reading_n_m - mean.reading_n_m;
         let squared = residual.dot(&factor.solve(&residual));
         let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
-        let model = model.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
-        let beyond = side.beyond_n_m(*near);
-        let common = [model.column(0).into(), model.column(1).into(), beyond, by_inertia];
+        let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
+        let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
         quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x4::from_columns(&common))) * weight;
         true
     }
 }
 
 /// A search from one state, in progress.
-pub(super) struct Search<const N: usize> {
+pub(super) struct Search<Body, const N: usize> {
     reference: Pose<Base, Start>,
     prior: Prior<N>,
     /// Contacts with the poses of the means, as far as they were found.
@@ -161,27 +164,30 @@ pub(super) struct Search<const N: usize> {
     /// The contact that was found last, with its pose.
     last: (Around, Pose<Base, Start>),
     /// The best state so far with the approximation about it.
-    best: Option<(Neighbours<N>, Quadratic<N>)>,
+    best: Option<(Fitted<Body, N>, Quadratic<N>)>,
     damping: f64,
     trials: usize,
     most_trials: usize,
+    /// Expected cost of the next state above which the search is given up.
+    most_cost: f64,
     /// The state that is evaluated, the approximation about it, and the number of means that this includes.
-    trial: Neighbours<N>,
+    trial: Fitted<Body, N>,
     quadratic: Quadratic<N>,
     done: usize,
 }
 
-impl<const N: usize> Search<N> {
+impl<Body: Object, const N: usize> Search<Body, N> {
     /// A search from a state at `reference`, with the contact at the latest pose. `None` if the state is no contact.
-    pub(super) fn new(
-        side: &Side,
+    pub(super) fn new<Model: Shape<N, Object = Body>>(
+        (side, shape): (&Side, &Model),
         reference: Pose<Base, Start>,
         prior: Prior<N>,
         x: &SVector<f64, N>,
         last: (Around, Pose<Base, Start>),
         most_trials: usize,
+        most_cost: f64,
     ) -> Option<Self> {
-        let trial = Neighbours::new(side, x)?;
+        let trial = Fitted::new(side, shape, x)?;
         let quadratic = Quadratic::of_prior(&prior, x);
         let near = Vec::new();
         Some(Self {
@@ -193,38 +199,61 @@ impl<const N: usize> Search<N> {
             damping: FIRST_DAMPING,
             trials: 0,
             most_trials,
+            most_cost,
             trial,
             quadratic,
             done: 0,
         })
     }
 
-    /// Takes the residuals of up to `count` means, from the latest to the first. Whether the search has ended.
-    pub(super) fn advance<Object: Shape<N>>(&mut self, evidence: &Evidence<'_, Object, N>, count: usize) -> bool {
+    /// Takes the residuals of means, from the latest to the first, and evaluates one state after another, until the work exceeds
+    /// `most_work`. Whether the search has ended.
+    pub(super) fn advance<Model: Shape<N, Object = Body>>(
+        &mut self,
+        evidence: &Evidence<'_, Model, N>,
+        work: &mut usize,
+        most_work: usize,
+    ) -> bool {
         self.near.resize(evidence.means.len(), None);
-        let end = (self.done + count).min(evidence.means.len());
-        for i in (self.done..end).map(|done| evidence.means.len() - 1 - done) {
-            let mean = &evidence.means[i];
-            // At first from the last contact, as if it rested.
-            let mut near = self.near[i].unwrap_or_else(|| {
-                let (at, base) = self.last;
-                let rest = evidence.side.rest();
-                Around::of(rest, base.then(&mean.base().inverse()).apply(at.contact(rest)))
-            });
-            if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near) {
-                self.near[i] = Some(near);
-                self.last = (near, mean.base());
+        loop {
+            while self.done < evidence.means.len() && !self.is_worse() {
+                if *work >= most_work {
+                    return false;
+                }
+                self.take(evidence, evidence.means.len() - 1 - self.done, work);
+                self.done += 1;
+            }
+            *work += Fitted::<Body, N>::WORK;
+            if self.conclude(evidence.side, evidence.shape) {
+                return true;
             }
         }
-        self.done = end;
-        self.done == evidence.means.len() && self.conclude(evidence.side)
+    }
+
+    /// Whether the means so far make the evaluated state worse than the best. Their costs are positive.
+    fn is_worse(&self) -> bool {
+        self.best.as_ref().is_some_and(|(_, best)| self.quadratic.cost.total_cmp(&best.cost).is_ge())
+    }
+
+    /// Takes the residual of a mean.
+    fn take<Model: Shape<N, Object = Body>>(&mut self, evidence: &Evidence<'_, Model, N>, i: usize, work: &mut usize) {
+        let mean = &evidence.means[i];
+        // At first from the last contact, as if it rested.
+        let mut near = self.near[i].unwrap_or_else(|| {
+            let (at, base) = self.last;
+            let rest = evidence.side.rest();
+            Around::of(rest, base.then(&mean.base().inverse()).apply(at.contact(rest)))
+        });
+        if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near, work) {
+            self.near[i] = Some(near);
+            self.last = (near, *mean.base());
+        }
     }
 
     /// Accepts or rejects the evaluated state and begins the next one. Whether the search has ended.
-    fn conclude(&mut self, side: &Side) -> bool {
+    fn conclude<Model: Shape<N, Object = Body>>(&mut self, side: &Side, shape: &Model) -> bool {
         self.trials += 1;
-        let is_better = self.best.as_ref().is_none_or(|(_, best)| self.quadratic.cost < best.cost);
-        if is_better {
+        if !self.is_worse() {
             if self.best.is_some() {
                 self.damping *= LESS;
             }
@@ -235,12 +264,12 @@ impl<const N: usize> Search<N> {
         let Some((about, best)) = &self.best else { return true };
         while self.trials < self.most_trials && self.damping < MOST_DAMPING {
             let Some((step, decrease)) = best.step(self.damping) else { return true };
-            if decrease < CONVERGED {
+            if decrease < CONVERGED || best.cost - decrease > self.most_cost {
                 return true;
             }
             let mut moved = about.x + step;
             side.hold(&mut moved);
-            if let Some(trial) = Neighbours::new(side, &moved) {
+            if let Some(trial) = Fitted::new(side, shape, &moved) {
                 self.quadratic = Quadratic::of_prior(&self.prior, &moved);
                 (self.trial, self.done) = (trial, 0);
                 return false;
@@ -253,7 +282,7 @@ impl<const N: usize> Search<N> {
     /// The contact found at the pose nearest to `base`: the one that `base` carries least far away.
     pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>, rest: &RestShape) -> Option<Around> {
         let found = means.iter().zip(&self.near).filter_map(|(mean, near)| Some((mean.base(), (*near)?)));
-        let distance_m = |(pose, near): &(Pose<Base, Start>, Around)| {
+        let distance_m = |(pose, near): &(&Pose<Base, Start>, Around)| {
             let contact = near.contact(rest);
             pose.apply(contact).distance(&base.apply(contact))
         };
@@ -261,7 +290,7 @@ impl<const N: usize> Search<N> {
     }
 
     /// The best state with the approximation about it.
-    pub(super) fn best(self) -> Option<(Neighbours<N>, Quadratic<N>)> {
+    pub(super) fn best(self) -> Option<(Fitted<Body, N>, Quadratic<N>)> {
         self.best
     }
 }

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use filters::Gaussian;
-use nalgebra::{Matrix3, SVector, Unit, Vector3};
+use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
+use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
 use super::{Motion, RadiusPrior, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
@@ -106,31 +106,48 @@ pub(super) fn nearest_angle(angle: f64, other: f64) -> f64 {
 /// A rod at the present instant.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Rod {
-    /// A point of its axis, and its direction.
+    /// A point of its axis, its direction, and one across it.
     axis: Vector3<f64>,
     along: Vector3<f64>,
+    across: Vector3<f64>,
     /// Radius of rod and wire together.
     radius_m: f64,
     tilt_rad: f64,
 }
 
+impl Object for Rod {
+    fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
+        Self {
+            axis: carried(self.axis, motion),
+            along: motion.turn_vector(self.along),
+            across: motion.turn_vector(self.across),
+            tilt_rad,
+            ..*self
+        }
+    }
+}
+
 impl Rod {
     /// Two directions across the rod, which with its own are a right-handed frame.
     fn across(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let one = Unit::new_normalize(self.along.cross(&Vector3::ith(self.along.iamin(), 1.0))).into_inner();
-        (one, self.along.cross(&one))
+        (self.across, self.along.cross(&self.across))
     }
 }
 
 impl Shape<6> for Line {
     type Object = Rod;
 
-    fn object(&self, x: &SVector<f64, 6>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Rod {
+    fn object(&self, x: &SVector<f64, 6>, place: &Place) -> Rod {
         let Axes { normal, tangent, across } = place.axes(x[TILT]);
         let (sin, cos) = x[ANGLE].sin_cos();
         let radius_m = x[RADIUS].exp();
-        let axis = carried(place.contact - normal * radius_m, motion);
-        Rod { axis, along: motion.turn_vector(tangent * cos + across * sin), radius_m, tilt_rad }
+        Rod {
+            axis: place.contact - normal * radius_m,
+            along: tangent * cos + across * sin,
+            across: normal,
+            radius_m,
+            tilt_rad: 0.0,
+        }
     }
 
     fn residual(&self, rod: &Rod, place: &Place) -> Vector3<f64> {

@@ -2,6 +2,7 @@
 //!
 //! The state begins with the contact's coordinates `(s, u, v)`; a model may append properties of the object.
 
+mod fitted;
 mod line;
 mod patch;
 mod resting;
@@ -24,8 +25,9 @@ pub(super) use rolling::Place;
 use patch::Patch;
 use sphere::Sphere;
 
+pub(super) use fitted::Fitted;
 pub(super) use resting::Resting;
-pub(super) use rolling::{Neighbours, Shape, TILT, TILT_S};
+pub(super) use rolling::{Object, Shape, TILT, TILT_S, moved};
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {

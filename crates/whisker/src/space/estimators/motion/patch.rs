@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
-use super::rolling::{Axes, FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
+use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
 use super::{Motion, RadiusPrior, describe_normal, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
@@ -100,6 +100,18 @@ pub(in crate::space::estimators) struct Torus {
     tilt_rad: f64,
 }
 
+impl Object for Torus {
+    fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
+        Self {
+            spine: carried(self.spine, motion),
+            along: motion.turn_vector(self.along),
+            outwards: motion.turn_vector(self.outwards),
+            tilt_rad,
+            ..*self
+        }
+    }
+}
+
 /// The centre of a cross-section of a torus, and the direction of the spine there.
 struct Section {
     /// The centre relative to the known point of the spine, and its coordinates along and away from the centre of the spine.
@@ -135,17 +147,17 @@ impl Torus {
 impl Shape<7> for Patch {
     type Object = Torus;
 
-    fn object(&self, x: &SVector<f64, 7>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Torus {
+    fn object(&self, x: &SVector<f64, 7>, place: &Place) -> Torus {
         let Axes { normal, tangent, across } = place.axes(x[TILT]);
         let (sin, cos) = x[ANGLE].sin_cos();
         let radius_m = x[RADIUS].exp();
         Torus {
-            spine: carried(place.contact - normal * radius_m, motion),
-            along: motion.turn_vector(tangent * cos + across * sin),
-            outwards: motion.turn_vector(normal),
+            spine: place.contact - normal * radius_m,
+            along: tangent * cos + across * sin,
+            outwards: normal,
             bend_per_m: x[BEND] / BEND_M,
             radius_m,
-            tilt_rad,
+            tilt_rad: 0.0,
         }
     }
 

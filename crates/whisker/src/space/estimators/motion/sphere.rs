@@ -4,7 +4,7 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::rolling::{FIRST_TILT_RAD, Place, Roll, Shape, TILT, carried};
+use super::rolling::{FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
 use super::{Motion, RadiusPrior, check_wander, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::SettingsError;
@@ -68,12 +68,18 @@ pub(in crate::space::estimators) struct Ball {
     tilt_rad: f64,
 }
 
+impl Object for Ball {
+    fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
+        Self { center: carried(self.center, motion), tilt_rad, ..*self }
+    }
+}
+
 impl Shape<5> for Sphere {
     type Object = Ball;
 
-    fn object(&self, x: &SVector<f64, 5>, place: &Place, motion: &Pose<Base, Base>, tilt_rad: f64) -> Ball {
+    fn object(&self, x: &SVector<f64, 5>, place: &Place) -> Ball {
         let radius_m = x[RADIUS].exp();
-        Ball { center: carried(place.contact - place.axes(x[TILT]).normal * radius_m, motion), radius_m, tilt_rad }
+        Ball { center: place.contact - place.axes(x[TILT]).normal * radius_m, radius_m, tilt_rad: 0.0 }
     }
 
     fn residual(&self, ball: &Ball, place: &Place) -> Vector3<f64> {

@@ -1,0 +1,153 @@
+//! A contact with an object at rest as a function of a state at a reference pose of the base, for fits.
+
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
+
+use super::rolling::{LEAST_TILT_RAD, MOST_TILT_RAD, Object, Place, STEP, Shape, TILT, stable_touch, step_of, stepped};
+use crate::frames::Base;
+use crate::space::estimators::ringing::{self, Response};
+use crate::space::estimators::side::Side;
+use crate::space::frames::{Point, Pose, rotation_vector};
+use crate::space::sensor::Around;
+
+/// Square of the time (s2) in which an acceleration displaces an object for a difference.
+const STEP_S2: f64 = 1e-6;
+
+/// Number of parts of a motion in which a contact is followed.
+const PARTS: usize = 8;
+
+/// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
+/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
+const UNKNOWN_SHARE: f64 = 0.6;
+
+/// Tilt of the normal by the inertia of the wire.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::space::estimators) struct InertialTilt {
+    /// At the present instant.
+    pub(in crate::space::estimators) rad: f64,
+    /// Amplitude of its oscillation.
+    amplitude_rad: f64,
+}
+
+impl InertialTilt {
+    /// Standard deviation of the part of the oscillation that is unknown.
+    pub(in crate::space::estimators) fn sd_rad(&self) -> f64 {
+        (UNKNOWN_SHARE * self.amplitude_rad).max(LEAST_TILT_RAD)
+    }
+}
+
+/// A state with its object, and those of the neighbouring states by which derivatives are computed.
+#[derive(Clone, Copy)]
+pub(in crate::space::estimators) struct Fitted<Body, const N: usize> {
+    pub(in crate::space::estimators) x: SVector<f64, N>,
+    here: Place,
+    object: Body,
+    /// The objects after a step along each entry.
+    ahead: [Body; N],
+}
+
+impl<Body: Object, const N: usize> Fitted<Body, N> {
+    /// Evaluations of the whisker's geometry in [`Self::new`].
+    pub(in crate::space::estimators) const WORK: usize = 4;
+
+    /// `None` if a state is no contact.
+    pub(in crate::space::estimators) fn new<Model: Shape<N, Object = Body>>(
+        side: &Side,
+        shape: &Model,
+        x: &SVector<f64, N>,
+    ) -> Option<Self> {
+        let here = Place::new(side, Around::of_state(x))?;
+        let object = shape.object(x, &here);
+        let mut ahead = [object; N];
+        for (i, ahead) in ahead.iter_mut().enumerate().filter(|(i, _)| *i != TILT) {
+            let (x, place) = stepped(side, x, &here, i, step_of(i))?;
+            *ahead = shape.object(&x, &place);
+        }
+        Some(Self { x: *x, here, object, ahead })
+    }
+
+    /// The object after the base's motion, without tilt.
+    pub(in crate::space::estimators) fn object(&self, motion: &Pose<Base, Base>) -> Body {
+        self.object.moved(motion, 0.0)
+    }
+
+    /// Derivatives of the coordinates of a contact with the moved object by the state, except for its tilt, and by the tilt at the
+    /// present instant; and the residual of the equations at the contact. By differences to one side, whose error is far below that
+    /// of the model.
+    pub(in crate::space::estimators) fn contact_slopes<Model: Shape<N, Object = Body>>(
+        &self,
+        shape: &Model,
+        motion: &Pose<Base, Base>,
+        (found, inverse): &(Place, Matrix3<f64>),
+    ) -> (SMatrix<f64, 3, N>, Vector3<f64>, Vector3<f64>) {
+        let mut slopes = SMatrix::<f64, 3, N>::zeros();
+        let here = shape.residual(&self.object(motion), found);
+        for (i, ahead) in self.ahead.iter().enumerate().filter(|(i, _)| *i != TILT) {
+            let ahead = shape.residual(&ahead.moved(motion, 0.0), found);
+            slopes.set_column(i, &(inverse * (here - ahead) / step_of(i)));
+        }
+        let tilted = shape.residual(&self.object.moved(motion, STEP), found);
+        (slopes, inverse * (here - tilted) / STEP, here)
+    }
+
+    /// Tilt of the normal at a contact by the inertia of the wire ([`ringing`]), and the amplitude of its oscillation. `here` is the
+    /// residual of the equations at the contact.
+    pub(in crate::space::estimators) fn inertial_tilt<Model: Shape<N, Object = Body>>(
+        &self,
+        side: &Side,
+        shape: &Model,
+        motion: &Pose<Base, Base>,
+        (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
+        response: &Response,
+    ) -> InertialTilt {
+        let masses = side.masses(found.at);
+        let tilt_rad = |of_base| {
+            let moved = motion.then(&ringing::displaced(of_base, STEP_S2));
+            let ahead = shape.residual(&self.object(&moved), found);
+            let relative_m_s2 = found.slopes * (inverse * (here - ahead)) / STEP_S2;
+            let inertia_n = ringing::inertia_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
+            found.tilt_by(&inertia_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+        };
+        let rad = tilt_rad(&response.now);
+        InertialTilt { rad, amplitude_rad: rad.hypot(tilt_rad(&response.apart)) }
+    }
+
+    /// The stable contact with an object after the base's motion, sought from `near`, then from the place that it has if it rests,
+    /// then through the motion. `None` if there is none. `evaluations` grows as in [`super::rolling::touch`].
+    pub(in crate::space::estimators) fn touched<Model: Shape<N, Object = Body>>(
+        &self,
+        side: &Side,
+        shape: &Model,
+        (object, motion): (&Body, &Pose<Base, Base>),
+        near: Around,
+        evaluations: &mut usize,
+    ) -> Option<(Place, Matrix3<f64>)> {
+        stable_touch(side, shape, object, near, evaluations)
+            .or_else(|| stable_touch(side, shape, object, self.carried(side, motion), evaluations))
+            .or_else(|| self.followed(side, shape, motion, evaluations))
+    }
+
+    /// The place of the contact after the base's motion, if it rests.
+    fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
+        Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
+    }
+
+    /// The stable contact after the base's motion, followed from the contact before it in small parts of the motion: where the
+    /// whisker is hardly deflected, the contact is found from nearby only. `None` if there is no contact on the way.
+    fn followed<Model: Shape<N, Object = Body>>(
+        &self,
+        side: &Side,
+        shape: &Model,
+        motion: &Pose<Base, Base>,
+        evaluations: &mut usize,
+    ) -> Option<(Place, Matrix3<f64>)> {
+        let turn_rad = rotation_vector(&motion.rotation());
+        let (mut near, mut found) = (self.here.at, None);
+        for part in (1..=PARTS).map(|part| part as f64 / PARTS as f64) {
+            let so_far = Pose::new(motion.origin().vector() * part, Rotation3::new(turn_rad * part));
+            let touch = stable_touch(side, shape, &self.object(&so_far), near, evaluations)?;
+            near = touch.0.at;
+            found = Some(touch);
+        }
+        found
+    }
+}
