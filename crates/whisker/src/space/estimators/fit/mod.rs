@@ -59,6 +59,9 @@ const SAME: f64 = 1.0;
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
 
+/// Time after which a contradicted object is in doubt (s): a search from another start may find a better one.
+const DOUBTED_S: f64 = 0.2;
+
 /// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those of a
 /// wrong model are not independent. Chosen on random scenes in space that are not reported.
 const EXCESS_POWER: i32 = 3;
@@ -72,8 +75,8 @@ const HOPELESS: f64 = 8.0;
 /// Time between samples up to which the work of a step is the same.
 const STEP_S: f64 = 4e-3;
 
-/// Consecutive samples without a contact after which the object is given up.
-const LOST: usize = 50;
+/// Time without a contact after which the object is given up (s).
+const LOST_S: f64 = 0.2;
 
 /// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
 const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
@@ -200,7 +203,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     starts: Vec<Mode<Model::Object, N>>,
     next_start: usize,
     round: Option<Round<Model::Object, N>>,
-    lost: usize,
+    /// Time since the last contact with the object.
+    lost_s: f64,
     /// Whether the next reading is the first of a touch, or of a fit that begins anew.
     is_first: bool,
     /// Pose of the base at the last contact, while the whisker is free.
@@ -212,8 +216,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
     log_evidence: LogEvidence,
-    /// Whether the readings of the last round contradict all modes.
-    contradicted: bool,
+    /// Time for which the readings of the last rounds have contradicted all modes. `None` if those of the last one do not.
+    contradicted_s: Option<f64>,
 }
 
 /// Whether a touch is one of the object that was touched before.
@@ -280,14 +284,14 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             starts: Vec::new(),
             next_start: 0,
             round: None,
-            lost: 0,
+            lost_s: 0.0,
             is_first: true,
             released: Pose::identity(),
             before_s: 0.0,
             earlier: Earlier::Confirmed,
             slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
-            contradicted: false,
+            contradicted_s: None,
         }
     }
 
@@ -393,9 +397,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             let evidence = self.weigh(&round.log_evidence, round.means.len());
             self.log_evidence = self.log_evidence.after(evidence, round.since);
             self.front = None;
-            self.contradicted = round.least_cost > CONTRADICTED * round.means.len() as f64;
-            if self.contradicted {
+            if round.least_cost > CONTRADICTED * round.means.len() as f64 {
+                self.contradicted_s.get_or_insert(0.0);
                 self.start_again();
+            } else {
+                self.contradicted_s = None;
             }
         } else {
             self.round =
@@ -563,7 +569,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             .filter(|(belief, ..)| belief.is_finite())
             .collect();
         self.modes = modes;
-        self.lost = if beliefs.is_empty() { self.lost + 1 } else { 0 };
+        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s } else { 0.0 };
         if beliefs.is_empty() {
             // Without a contact there, the object explains no reading.
             self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
@@ -640,13 +646,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             _ => self.search(),
         }
         let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
-        let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(self.contradicted), ..estimate });
+        self.contradicted_s = self.contradicted_s.map(|duration_s| duration_s + sample.dt_s);
+        let is_doubtful = self.contradicted_s.is_some_and(|duration_s| duration_s > DOUBTED_S);
+        let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(is_doubtful), ..estimate });
         let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
         let is_confirmed = self.slipped.mean_nis() < CONFIRMED_NIS || self.elapsed_s - self.before_s > UNDECIDED_S;
         if self.earlier == Earlier::Unconfirmed && is_confirmed {
             self.earlier = Earlier::Confirmed;
         }
-        if self.is_fitted() && (has_slipped || self.lost >= LOST || self.modes.is_empty()) {
+        if self.is_fitted() && (has_slipped || self.lost_s >= LOST_S || self.modes.is_empty()) {
             let earlier = match self.earlier {
                 Earlier::Unconfirmed => Earlier::Contradicted,
                 earlier => earlier,
@@ -663,7 +671,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             self.readings.leave();
             // The evidence of an unfinished round would count as that of the next touch.
             self.round = None;
-            (self.slipped, self.lost) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0);
+            (self.slipped, self.lost_s) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0.0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }
         self.accelerate(sample);
