@@ -119,7 +119,7 @@ pub use particle::ParticleSet;
 pub use robust::Update;
 pub use state_array::StateArray;
 
-/// Used by the expansion of [`vectorised!`].
+/// Used by the expansion of [`vectorised!`], and by functions of other crates that it calls.
 #[doc(hidden)]
 pub use fearless_simd;
 

@@ -1,5 +1,6 @@
 //! Pins: left-out lines of a calibration, and trials of other days with the mounting learnt at a known place.
 
+use filters::quantile::CHI2_3_95;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, SVector, Vector2, Vector3};
 use serde::Serialize;
 
@@ -14,9 +15,6 @@ pub const TOUCH: f64 = 0.02;
 
 /// Distance of a wrong start from the true contact (m).
 const WRONG_M: f64 = 5e-3;
-
-/// 95 % quantile of the chi-square distribution with three degrees of freedom.
-const CHI2_3: f64 = 7.815;
 
 /// Scores of an estimator on one pin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -202,7 +200,7 @@ pub fn score(group: &str, name: &str, estimator: &str, estimates: &[Option<Estim
         mean_m: errors.iter().sum::<f64>() / count,
         worst_m: errors.iter().copied().fold(0.0, f64::max),
         nees: squares.iter().sum::<f64>() / (3.0 * count),
-        coverage: squares.iter().filter(|square| **square <= CHI2_3).count() as f64 / count,
+        coverage: squares.iter().filter(|square| **square <= CHI2_3_95).count() as f64 / count,
         sd_m: scored.iter().map(|estimate| estimate.covariance_m2.trace().sqrt()).sum::<f64>() / count,
     })
 }

@@ -91,14 +91,14 @@ impl Side {
         }
     }
 
-    /// Variance of the measurement noise of a moment, of the mean of `count` readings.
-    pub(super) fn noise_n2_m2(&self, count: f64) -> Matrix2<f64> {
+    /// Covariance of the measurement noise of the mean of `count` readings (N2 m2), 2x2.
+    pub(super) fn noise_of_mean_n2_m2(&self, count: f64) -> Matrix2<f64> {
         Matrix2::identity() * (self.noise_n2_m2 / count)
     }
 
     /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.
     pub(super) fn covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
-        self.expect(at).covariance_n2_m2() + self.noise_n2_m2(1.0)
+        self.expect(at).covariance_n2_m2() + self.noise_of_mean_n2_m2(1.0)
     }
 
     /// Standard deviation of the moments by the inertia of the wire under an acceleration of the base (N m).

@@ -138,19 +138,20 @@ impl SpatialDomain {
         self.held(at).0
     }
 
-    /// The same, and the position of a contact within the region as in [`Self::shares`].
+    /// The nearest coordinates within the region as in [`Self::clamp`], and their position in it: along, and away by the share of the
+    /// largest distance.
     pub(crate) fn held(&self, at: Around) -> (Around, Shares) {
         let (low, high) = self.arc_range_m();
         let held = Around { along_m: at.along_m.clamp(low, high), ..at };
         let (away_m, most_m) = (held.away_m(), self.most_away_m(held));
-        let along = (held.along_m - low) / (high - low);
+        let away = if most_m > 0.0 { (away_m / most_m).min(1.0) } else { 0.0 };
+        let shares = Shares { along: (held.along_m - low) / (high - low), away };
         if away_m <= most_m {
-            return (held, Shares { along, away: if most_m > 0.0 { away_m / most_m } else { 0.0 } });
+            return (held, shares);
         }
         // Slightly within, so that rounding does not put it outside.
         let share = most_m / away_m * (1.0 - 1e-12);
-        let away = if most_m > 0.0 { 1.0 } else { 0.0 };
-        (Around { left_m: share * held.left_m, up_m: share * held.up_m, ..held }, Shares { along, away })
+        (Around { left_m: share * held.left_m, up_m: share * held.up_m, ..held }, shares)
     }
 
     /// Position of a contact within the region, away by the share of the largest distance. Positions outside are moved to the border.

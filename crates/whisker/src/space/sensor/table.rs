@@ -183,9 +183,10 @@ fn contracted<S: Simd, const C: usize>(
             by_u += slope * v.weights[j];
             by_v += level * v.slopes[j];
         }
-        for (sums, vector) in found.iter_mut().zip([levels, by_u, by_v]) {
-            vector.store_slice(&mut sums.as_flattened_mut()[first..first + WIDTH]);
-        }
+        let [of_levels, of_u, of_v] = &mut found;
+        levels.store_slice(&mut of_levels.as_flattened_mut()[first..first + WIDTH]);
+        by_u.store_slice(&mut of_u.as_flattened_mut()[first..first + WIDTH]);
+        by_v.store_slice(&mut of_v.as_flattened_mut()[first..first + WIDTH]);
     }
     found
 }

@@ -59,21 +59,23 @@ const SAME: f64 = 1.0;
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
 
-/// Time after which a contradicted object is in doubt (s): a search from another start may find a better one.
+/// Time after which a contradicted object is in doubt (s). While the means are few, a search from another start has ended by then.
 const DOUBTED_S: f64 = 0.2;
 
-/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those of a
-/// wrong model are not independent. Chosen on random scenes in space that are not reported.
+/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those
+/// of a wrong model are not independent. Chosen on random scenes in space that are not reported.
 const EXCESS_POWER: i32 = 3;
 
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
 
-/// Expected cost of a mode, beyond the least of the others, above which its search is given up.
+/// Expected cost of a mode after the next step of its search, beyond the least of the others, above which the search is given up.
 const HOPELESS: f64 = 8.0;
 
-/// Time between samples up to which the work of a step is the same.
+/// Time between samples up to which the work of a step is the same, and that up to which it grows (s): after a gap, the estimate
+/// shall not be late.
 const STEP_S: f64 = 4e-3;
+const LONGEST_STEP_S: f64 = 0.1;
 
 /// Time without a contact after which the object is given up (s).
 const LOST_S: f64 = 0.2;
@@ -108,14 +110,15 @@ pub(super) struct Config {
     pub(super) prune_share: f64,
     /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
     pub(super) gate_sds: f64,
-    /// Evaluations of the whisker's geometry per sample, which bound the time of a step; more in proportion if samples are more than
-    /// 4 ms apart, so that a search takes as long at low rates.
+    /// Evaluations of the whisker's geometry per sample after which the searches pause, which bound the time of a step but for the
+    /// mean in progress. More in proportion if samples are more than 4 ms apart, so that a search takes the same time at low rates.
     pub(super) evaluations_per_step: usize,
     /// Standard deviation of the contact for deviations of the object from its model.
     pub(super) deviation_m: f64,
 }
 
 impl Config {
+    /// Start and work of the searches were chosen on random scenes in space that are not reported.
     pub(super) fn new(motion: MotionSettings) -> Self {
         Self {
             motion,
@@ -125,7 +128,7 @@ impl Config {
             kept_modes: 3,
             prune_share: 1e-2,
             gate_sds: 5.0,
-            evaluations_per_step: 56,
+            evaluations_per_step: 52,
             deviation_m: 5e-6,
         }
     }
@@ -195,8 +198,6 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     ringing: Ringing,
     base: Pose<Base, Start>,
     elapsed_s: f64,
-    /// Time since the last sample.
-    dt_s: f64,
     readings: Readings,
     modes: Vec<Mode<Model::Object, N>>,
     /// The modes of the start, of which `next_start` is searched again if the readings contradict all others.
@@ -216,7 +217,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
     log_evidence: LogEvidence,
-    /// Time for which the readings of the last rounds have contradicted all modes. `None` if those of the last one do not.
+    /// Time since the first of the latest rounds in sequence whose readings contradict all modes. `None` if those of the last one
+    /// do not.
     contradicted_s: Option<f64>,
 }
 
@@ -278,7 +280,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             ringing: Ringing::new(knowledge.calibrated.whisker.whisker.damping_s),
             base: Pose::identity(),
             elapsed_s: 0.0,
-            dt_s: 0.0,
             readings: Readings::default(),
             modes: Vec::new(),
             starts: Vec::new(),
@@ -344,8 +345,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         beliefs.take(self.config.modes).filter_map(mode).collect()
     }
 
-    /// Goes on with the searches.
-    fn search(&mut self) {
+    /// Goes on with the searches, for a step of `dt_s`.
+    fn search(&mut self, dt_s: f64) {
         if self.round.is_none() {
             self.round = self.search_of(0, f64::INFINITY).map(|search| Round {
                 means: self.readings.means().to_vec(),
@@ -357,7 +358,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             });
         }
         let gate_sds = self.config.gate_sds;
-        let (mut work, most_work) = (0, self.most_work());
+        let (mut work, most_work) = (0, self.most_work(dt_s));
         while work < most_work
             && let Some(round) = &mut self.round
         {
@@ -368,9 +369,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         }
     }
 
-    /// Evaluations of this step.
-    fn most_work(&self) -> usize {
-        (self.config.evaluations_per_step as f64 * (self.dt_s / STEP_S).max(1.0)).round() as usize
+    /// Evaluations of the whisker's geometry in a step of `dt_s`.
+    fn most_work(&self, dt_s: f64) -> usize {
+        (self.config.evaluations_per_step as f64 * (dt_s.clamp(STEP_S, LONGEST_STEP_S) / STEP_S)).round() as usize
     }
 
     /// Takes the result of a search, and begins that of the next mode or weighs all modes.
@@ -419,6 +420,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.next_start = (self.next_start + 1) % self.starts.len();
     }
 
+    /// The search of a mode, given up above an expected cost unless the mode is new. `None` if its state is no contact.
     fn search_of(&self, mode: usize, most_cost: f64) -> Option<Search<Model::Object, N>> {
         let mode = self.modes.get(mode)?;
         let Mode { reference, prior, about, near, .. } = mode;
@@ -507,7 +509,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let spread = by_contact * of_contact * by_contact.transpose()
             + by_reading * by_reading.transpose() * tilt_rad2
             + expected.covariance_n2_m2()
-            + side.noise_n2_m2(1.0);
+            + side.noise_of_mean_n2_m2(1.0);
         let innovation = Innovation::of(sample.reading_n_m - expected.reading_n_m, spread)?;
         let gain = spread.try_inverse()? * by_reading * tilt_rad2;
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
@@ -569,7 +571,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             .filter(|(belief, ..)| belief.is_finite())
             .collect();
         self.modes = modes;
-        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s } else { 0.0 };
+        // After a gap, one failed search is not enough.
+        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
         if beliefs.is_empty() {
             // Without a contact there, the object explains no reading.
             self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
@@ -590,8 +593,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 }
 
-/// Factor of the stated covariance of a mode relative to that of its innovations, which contains the excess once. The recent mean of
-/// the innovations includes those since the last round, which the excess does not.
+/// Factor of the stated covariance of a mode relative to that of its innovations, which contains the excess once. The recent mean
+/// of the innovations includes those since the last round, which the excess does not.
 fn further_factor(excess: f64, recent_nis: f64) -> f64 {
     (recent_nis / excess).max(1.0) * excess.powi(EXCESS_POWER - 1)
 }
@@ -620,7 +623,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
-        self.dt_s = sample.dt_s;
         self.accelerate(sample);
         let is_first = std::mem::replace(&mut self.is_first, false);
         if is_first {
@@ -643,7 +645,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
                     self.starts = self.modes.clone();
                 }
             }
-            _ => self.search(),
+            _ => self.search(sample.dt_s),
         }
         let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
         self.contradicted_s = self.contradicted_s.map(|duration_s| duration_s + sample.dt_s);

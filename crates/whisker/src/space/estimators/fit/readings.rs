@@ -21,8 +21,8 @@ const COARSER: f64 = std::f64::consts::SQRT_2;
 pub(super) struct Mean {
     /// Pose of the base at the first reading.
     first: Pose<Base, Start>,
-    /// Mean of the displacement (m) and of the rotation vector (rad) from the first pose, the latter in the base's frame, and the mean
-    /// pose that they give.
+    /// Mean of the displacement (m) and of the rotation vector (rad) from the first pose, the latter in the base's frame, and the
+    /// mean pose that they give.
     shift_m: Vector3<f64>,
     turn_rad: Vector3<f64>,
     base: Pose<Base, Start>,

@@ -1,5 +1,7 @@
 //! Search for the object that explains the readings, by the Levenberg-Marquardt method, a few readings per step.
 
+use std::cmp::Ordering;
+
 use filters::robust::logarithmic_cost;
 use nalgebra::{Matrix2, Matrix2x4, SMatrix, SVector};
 
@@ -26,8 +28,8 @@ pub(super) const MOST_TRIALS: usize = 5;
 /// The same for a search that begins again from one of the first starts.
 pub(super) const START_TRIALS: usize = 12;
 
-/// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency. Where
-/// the base moves to and fro, this tilt looks like another curvature of the object.
+/// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency.
+/// Where the base moves to and fro, this tilt looks like another curvature of the object.
 const INERTIA_SD: f64 = 0.4;
 
 /// Work on a mean beside the search for its contact, in evaluations of the whisker's geometry.
@@ -139,7 +141,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
         let by_tilt = by_contact * by_tilt * inertial.sd_rad();
         let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
-        let independent = side.noise_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
+        let independent = side.noise_of_mean_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
         let covariance = expected.covariance_n2_m2() + independent + by_tilt * by_tilt.transpose();
         let Some(factor) = covariance.cholesky() else { return false };
         let residual = expected.reading_n_m - mean.reading_n_m;
@@ -168,7 +170,7 @@ pub(super) struct Search<Body, const N: usize> {
     damping: f64,
     trials: usize,
     most_trials: usize,
-    /// Expected cost of the next state above which the search is given up.
+    /// Cost after the next step, by the quadratic, above which the search is given up.
     most_cost: f64,
     /// The state that is evaluated, the approximation about it, and the number of means that this includes.
     trial: Fitted<Body, N>,
@@ -206,8 +208,8 @@ impl<Body: Object, const N: usize> Search<Body, N> {
         })
     }
 
-    /// Takes the residuals of means, from the latest to the first, and evaluates one state after another, until the work exceeds
-    /// `most_work`. Whether the search has ended.
+    /// Takes the residuals of means, from the latest to the first, and evaluates one state after another, until `work`, which grows
+    /// by the evaluations of the whisker's geometry, reaches `most_work`. Whether the search has ended.
     pub(super) fn advance<Model: Shape<N, Object = Body>>(
         &mut self,
         evidence: &Evidence<'_, Model, N>,
@@ -230,9 +232,10 @@ impl<Body: Object, const N: usize> Search<Body, N> {
         }
     }
 
-    /// Whether the means so far make the evaluated state worse than the best. Their costs are positive.
+    /// Whether the means so far make the evaluated state no better than the best: no mean has a negative cost.
     fn is_worse(&self) -> bool {
-        self.best.as_ref().is_some_and(|(_, best)| self.quadratic.cost.total_cmp(&best.cost).is_ge())
+        let is_less = |best: f64| self.quadratic.cost.partial_cmp(&best) == Some(Ordering::Less);
+        self.best.as_ref().is_some_and(|(_, best)| !is_less(best.cost))
     }
 
     /// Takes the residual of a mean.
@@ -264,7 +267,9 @@ impl<Body: Object, const N: usize> Search<Body, N> {
         let Some((about, best)) = &self.best else { return true };
         while self.trials < self.most_trials && self.damping < MOST_DAMPING {
             let Some((step, decrease)) = best.step(self.damping) else { return true };
-            if decrease < CONVERGED || best.cost - decrease > self.most_cost {
+            // At the first state, the quadratic overestimates the cost of residuals beyond the gate.
+            let is_hopeless = self.trials > 1 && best.cost - decrease > self.most_cost;
+            if decrease < CONVERGED || is_hopeless {
                 return true;
             }
             let mut moved = about.x + step;

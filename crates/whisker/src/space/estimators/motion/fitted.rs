@@ -41,7 +41,7 @@ pub(in crate::space::estimators) struct Fitted<Body, const N: usize> {
     pub(in crate::space::estimators) x: SVector<f64, N>,
     here: Place,
     object: Body,
-    /// The objects after a step along each entry.
+    /// The objects after a step along each entry; that of the tilt is not used.
     ahead: [Body; N],
 }
 
@@ -89,8 +89,8 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         (slopes, inverse * (here - tilted) / STEP, here)
     }
 
-    /// Tilt of the normal at a contact by the inertia of the wire ([`ringing`]), and the amplitude of its oscillation. `here` is the
-    /// residual of the equations at the contact.
+    /// Tilt of the normal at a contact by the inertia of the wire ([`ringing`]), and the amplitude of its oscillation. `here` is
+    /// the residual of the equations at the contact.
     pub(in crate::space::estimators) fn inertial_tilt<Model: Shape<N, Object = Body>>(
         &self,
         side: &Side,

@@ -106,10 +106,10 @@ pub(super) fn nearest_angle(angle: f64, other: f64) -> f64 {
 /// A rod at the present instant.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Rod {
-    /// A point of its axis, its direction, and one across it.
+    /// A point of its axis, its direction, and a direction across it.
     axis: Vector3<f64>,
     along: Vector3<f64>,
-    across: Vector3<f64>,
+    outwards: Vector3<f64>,
     /// Radius of rod and wire together.
     radius_m: f64,
     tilt_rad: f64,
@@ -120,7 +120,7 @@ impl Object for Rod {
         Self {
             axis: carried(self.axis, motion),
             along: motion.turn_vector(self.along),
-            across: motion.turn_vector(self.across),
+            outwards: motion.turn_vector(self.outwards),
             tilt_rad,
             ..*self
         }
@@ -130,7 +130,7 @@ impl Object for Rod {
 impl Rod {
     /// Two directions across the rod, which with its own are a right-handed frame.
     fn across(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.across, self.along.cross(&self.across))
+        (self.outwards, self.along.cross(&self.outwards))
     }
 }
 
@@ -144,7 +144,7 @@ impl Shape<6> for Line {
         Rod {
             axis: place.contact - normal * radius_m,
             along: tangent * cos + across * sin,
-            across: normal,
+            outwards: normal,
             radius_m,
             tilt_rad: 0.0,
         }

@@ -181,8 +181,8 @@ fn describe_normal<const N: usize>(place: &Place, belief: &Gaussian<N>, estimate
     estimate.normal_covariance = slopes * belief.covariance.fixed_view::<4, 4>(0, 0) * slopes.transpose();
 }
 
-/// Relative standard deviation of a radius for errors of the model that no number of readings reduces. Chosen on spheres that are not
-/// part of the suite: where a stroke determines a radius well, the fitted one deviates from it by some percent.
+/// Relative standard deviation of a radius for errors of the model that no number of readings reduces. Chosen on spheres that are
+/// not part of the suite: where a stroke determines a radius well, the fitted one deviates from it by some percent.
 const RADIUS_SD: f64 = 0.02;
 
 /// States the radius of an object from the logarithm of that of object and wire together.

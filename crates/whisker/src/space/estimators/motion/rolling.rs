@@ -9,8 +9,8 @@
 //! ```
 //!
 //! an Ornstein-Uhlenbeck process with the standard deviation `m a / F`: the inertial force of the wire with mass `m` under the
-//! recent acceleration `a` of the base across wire and force, relative to the force of the contact. A fit computes the tilt from the
-//! motion of the base instead ([`ringing`]).
+//! recent acceleration `a` of the base across wire and force, relative to the force of the contact. A fit computes the tilt from
+//! the motion of the base instead ([`crate::space::estimators::ringing`]).
 //!
 //! An object is moved with the base's motion, and the new contact solves three equations, by Newton's method. The Jacobian follows
 //! from the same equations by the implicit function theorem.
@@ -126,7 +126,7 @@ impl Place {
     }
 
     /// Angular frequency of the wire's oscillation along a surface on which a tilt displaces the contact by `by_tilt`, in the
-    /// coordinates about the whisker per radian ([`ringing`]).
+    /// coordinates about the whisker per radian ([`crate::space::estimators::ringing`]).
     pub(in crate::space::estimators) fn oscillation_rad_s(&self, side: &Side, by_tilt: &Vector3<f64>) -> f64 {
         let displaced_m = self.untilted.across.dot(&(self.slopes * by_tilt)).abs();
         (self.directions.force_n / (side.masses(self.at).bent_kg * displaced_m)).sqrt()
