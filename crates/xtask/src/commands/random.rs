@@ -29,7 +29,7 @@ const SEEDS: u32 = 20;
 const CLAIMS: &str = "certainty";
 const OUT: &str = "results/reference/certainty";
 
-/// Thresholds of the signal of doubt beside the default.
+/// Thresholds of the signal of doubt beside the default, of which `whisker reproduce` has the claims (its `claims/certainty.rs`).
 const DOUBT_THRESHOLDS: [u32; 3] = [2, 3, 6];
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
