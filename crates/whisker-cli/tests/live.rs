@@ -125,6 +125,15 @@ fn fed_text(arguments: &[&str], input: &str) -> Output {
 }
 
 #[test]
+fn robust_settings_are_refused_before_the_first_line() {
+    let bench = Bench::new();
+    let config = r#"{"doubt": {"nis": -1.0}}"#;
+    let refused = fed_text(&["live", "--calibration", &bench.calibration(), "--config", config], "");
+    assert!(!refused.status.success());
+    assert!(text(&refused.stderr).contains("doubt.nis"), "{}", text(&refused.stderr));
+}
+
+#[test]
 fn verif_recordings_and_lines_have_the_contacts_of_a_replay() {
     let bench = Bench::new();
     let calibration = bench.calibration();

@@ -14,7 +14,7 @@ use live::wire::{self, BadLine, Line, PriorLine, SampleLine, SpatialPriorLine, W
 use live::{
     Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing,
 };
-use serde_json::Value;
+use serde_json::{Value, json};
 use strict_json::one_line;
 use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use testbed::replay::method;
@@ -52,6 +52,9 @@ trait Method: 'static {
     type Motion: Motion<Measured = <Self::Kind as Kind>::Base, Base = <Self::Kind as Kind>::Base> + 'static;
     type Prior;
     type Calibration;
+
+    /// Version of the protocol.
+    const PROTOCOL: u32;
 
     /// Reads a calibration.
     fn read(path: &Path) -> anyhow::Result<Self::Calibration>;
@@ -128,6 +131,7 @@ where
     Answered<T::Kind>: Written,
 {
     let whiskers = whiskers(&arguments.calibration)?;
+    check(&method, &whiskers, timing)?;
     let origin = Instant::now();
     let sink = Arc::new(Mutex::new(Sink::new(origin, 1.0)));
     let mut session = Session { whiskers, method, timing, sink, origin, lines: 0 };
@@ -157,6 +161,16 @@ fn whiskers<T: Method>(options: &[String]) -> anyhow::Result<Vec<Whisker<T>>> {
         whiskers.push(Whisker { name: name.map(Into::into), path, calibration, worker: None });
     }
     Ok(whiskers)
+}
+
+/// Checks the settings with every calibration, so that errors in them do not wait for the first line.
+fn check<T: Method>(method: &T, whiskers: &[Whisker<T>], timing: Timing) -> anyhow::Result<()> {
+    let first = json!({"protocol": T::PROTOCOL, "rate_hz": 250, "noise_sd_n_m": 0}).to_string();
+    let Ok(Line::Prior(prior)) = T::parse(&first) else { bail!("found no first line in `{first}`") };
+    for whisker in whiskers {
+        method.begin(&whisker.calibration, &whisker.path, &prior, timing)?;
+    }
+    Ok(())
 }
 
 /// Reads stdin and sends its lines until its end.
@@ -366,6 +380,8 @@ impl Method for InPlane {
     type Prior = PriorLine;
     type Calibration = CalibrationFile;
 
+    const PROTOCOL: u32 = PROTOCOL;
+
     fn read(path: &Path) -> anyhow::Result<CalibrationFile> {
         read_calibration(path, path.parent().and_then(Path::parent).unwrap_or(Path::new("")))
     }
@@ -385,7 +401,7 @@ impl Method for InPlane {
         prior: &PriorLine,
         timing: Timing,
     ) -> anyhow::Result<LiveEstimator> {
-        check_prior((prior.protocol, PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
             bail!("whisker.{difference}, as in {}", path.display());
@@ -425,6 +441,8 @@ impl Method for OfSpace {
     type Prior = SpatialPriorLine;
     type Calibration = SpatialCalibrationFile;
 
+    const PROTOCOL: u32 = SPATIAL_PROTOCOL;
+
     fn read(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
         Ok(SpatialCalibrationFile::read(path)?)
     }
@@ -444,7 +462,7 @@ impl Method for OfSpace {
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<LiveEstimator<SpatialPoses, Spatial>> {
-        check_prior((prior.protocol, SPATIAL_PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
         let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != calibration.whisker)
             || prior.suspension.is_some_and(|stated| stated != calibration.suspension)
             || prior.poisson_ratio.is_some_and(|stated| stated != calibration.poisson_ratio);
