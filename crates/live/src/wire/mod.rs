@@ -207,7 +207,7 @@ fn strict<T: DeserializeOwned + Serialize>(line: &str) -> Result<T, BadLine> {
             return BadLine { column, reason, is_not_finite: true };
         }
         let reason = reason(&error);
-        let expected = "messages are JSON objects with t_s and a reading or a pose, or the first line of a whisker \
+        let expected = "expected messages are JSON objects with t_s and a reading or a pose, or the first line of a whisker \
             (docs/LIVE.md)";
         BadLine { column, reason: format!("{}; {expected}", shown(&reason)), is_not_finite: false }
     })
@@ -267,7 +267,10 @@ mod tests {
     #[test]
     fn robust_lines_that_are_no_messages_are_refused() {
         let nonsense = bad("nonsense");
-        assert!(nonsense.starts_with("column 2: expected a JSON value; messages are JSON objects"), "{nonsense}");
+        assert!(
+            nonsense.starts_with("column 2: expected a JSON value; expected messages are JSON objects"),
+            "{nonsense}"
+        );
         assert!(bad("").contains("messages are JSON objects"));
         assert!(bad("[1, 2]").contains("messages are JSON objects"));
         assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
