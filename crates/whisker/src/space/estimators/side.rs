@@ -28,7 +28,7 @@ const BEYOND_SD: f64 = 0.3;
 /// load on a beam clamped at one end and supported at the other.
 const INERTIA: f64 = 0.125;
 
-/// What the sensor model expects of a contact.
+/// Readings of a contact by the sensor model, with the errors of the model.
 pub(super) struct Expected {
     /// Readings, and their derivatives by the coordinates about the whisker.
     pub(super) reading_n_m: Vector2<f64>,
@@ -75,9 +75,8 @@ impl Side {
         Some(self.calibrated.geometry()?.at(at))
     }
 
-    /// What the sensor model expects of a contact. Beyond the calibrated domain the readings are extrapolated linearly from the
-    /// nearest calibrated contact, so that a belief that extends over the border is drawn back, and the model error is that at the
-    /// border.
+    /// Readings of a contact by the sensor model. Beyond the calibrated domain they are extrapolated linearly from the nearest
+    /// calibrated contact: a belief that extends over the border is thus drawn back. The model error there is that at the border.
     pub(super) fn expect(&self, at: Around) -> Expected {
         let CalibratedSpace { domain, model, error, .. } = &*self.calibrated;
         let (held, shares) = domain.held(at);
