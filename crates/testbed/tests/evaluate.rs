@@ -15,7 +15,7 @@ use testbed::dataset::Dataset;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::FrontEndConfig;
-use testbed::metrics::{Scores, error};
+use testbed::metrics::{Scores, consistency, error};
 use testbed::noise::NoiseUnit;
 use testbed::participant::Program;
 use testbed::results::files::{Writer, run_file};
@@ -250,6 +250,28 @@ fn verif_miscalibrations_are_trials_of_their_own() {
     let stated = scores_of(alone.path(), "pin");
     assert_eq!(stated, scores_of(with.path(), "pin_gain_5e-2"), "half of the stated noise of 2 % is 1 %");
     assert_eq!(stated.len(), 1);
+}
+
+/// A filter places its contacts where they explain the readings, also those of a sensor with another gain, which the true contacts do
+/// not explain.
+#[test]
+fn verif_residuals_at_the_estimates_are_compared_with_those_at_the_truth() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    fitted(&dataset(traces.path()), &FrontEndConfig::default(), &traces.path().join("calibrations"));
+    let mut trace = Trace::read(&traces.path().join("pin.csv")).unwrap();
+    // Slower, so that the contact lasts longer than the two seconds that are not counted.
+    const SLOWER: f64 = 4.0;
+    trace.sidecar.rate_hz /= SLOWER;
+    trace.recording.instants.iter_mut().for_each(|instant| instant.t_s *= SLOWER);
+    trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+    trace.write(traces.path()).unwrap();
+    let dataset = Dataset::open(traces.path(), None).unwrap().only(&["pin".into()]);
+    let gain = Miscalibration { gain: 0.05, ..Miscalibration::default() };
+    let settings =
+        EvaluateSettings { miscalibrations: vec![Miscalibration::default(), gain], ..settings(results.path()) };
+    let evaluated = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
+    let ratio = |row: usize| evaluated.summary[row].get(&consistency::RESIDUAL_RATIO).unwrap();
+    assert!((0.9..1.1).contains(&ratio(0)) && ratio(1) < 0.8, "{} {}", ratio(0), ratio(1));
 }
 
 /// The same noise in each unit gives the same scores.

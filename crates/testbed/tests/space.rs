@@ -94,6 +94,17 @@ fn dataset(folder: &Path, directions: u32) -> Dataset {
     Dataset::open(folder, None).unwrap()
 }
 
+fn settings(estimators: &[&str], seeds: &[u64]) -> SpatialEvaluateSettings {
+    SpatialEvaluateSettings {
+        estimators: Some(estimators.iter().map(|name| (*name).into()).collect()),
+        config: Default::default(),
+        noise: 0.01,
+        seeds: seeds.into(),
+        calibrations: None,
+        programs: Vec::new(),
+    }
+}
+
 fn calibrations(folder: &Path) -> PathBuf {
     folder.join("calibrations")
 }
@@ -126,14 +137,7 @@ fn verif_an_evaluation_is_the_same_on_one_thread_and_on_many() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
     fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
-    let settings = SpatialEvaluateSettings {
-        estimators: Some(vec!["point".into(), "line".into()]),
-        config: Default::default(),
-        noise: 0.01,
-        seeds: vec![1, 2, 3],
-        calibrations: None,
-        programs: Vec::new(),
-    };
+    let settings = settings(&["point", "line"], &[1, 2, 3]);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| evaluate(&dataset, &settings, &ProgressBar::hidden()).unwrap())
@@ -141,7 +145,26 @@ fn verif_an_evaluation_is_the_same_on_one_thread_and_on_many() {
     let (one, many) = (on(1), on(4));
     assert_eq!((&one.trials, &one.summary), (&many.trials, &many.summary));
     assert_eq!(one.trials.len(), 6);
-    assert!(one.trials.iter().all(|trial| trial.answered == 1.0 && trial.bound_m.is_some()));
+    assert!(one.trials.iter().all(|trial| trial.answered == Some(1.0) && trial.bound_m.is_some()));
+}
+
+#[test]
+fn verif_no_estimate_is_expected_at_the_tip_or_outside_of_the_calibrated_domain() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = dataset(folder.path(), 9);
+    fit(&lines, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let rod = golden().sidecar.rod().unwrap();
+    let press = |place: Around, tip: bool| {
+        let mut trace = trace("press", Role::Trial, &rod, &[Some(place); 500]);
+        let contacts = trace.truth.instants.iter_mut().filter_map(|truth| truth.contact.as_mut());
+        contacts.for_each(|contact| contact.tip = tip);
+        trace.write(folder.path()).unwrap();
+        let dataset = Dataset::open(folder.path(), None).unwrap();
+        let found = evaluate(&dataset, &settings(&["point"], &[1]), &ProgressBar::hidden()).unwrap();
+        found.trials[0].answered
+    };
+    let (inside, outside) = (Around::new(0.045, 2e-3, 1.2e-3), Around::new(0.020, 2e-4, 1e-4));
+    assert_eq!((press(inside, false), press(inside, true), press(outside, false)), (Some(1.0), None, None));
 }
 
 #[test]
@@ -221,7 +244,7 @@ fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
     let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
     assert_eq!(written.failures, []);
     let scores = &written.summary[0];
-    assert_eq!((scores.estimator.as_str(), scores.answered, scores.coverage), ("mine", 1.0, Some(1.0)));
+    assert_eq!((scores.estimator.as_str(), scores.answered, scores.coverage), ("mine", Some(1.0), Some(1.0)));
     assert!((scores.rmse_m.unwrap() - 1e-4).abs() < 1e-6 && (scores.nees.unwrap() - 1.0 / 3.0).abs() < 1e-2);
     // Without a stated normal, that of the mechanics.
     assert!(scores.normal_rad.unwrap() < 0.05, "{scores:?}");
@@ -272,7 +295,7 @@ fn robust_a_wrong_answer_of_a_program_in_space_fails_the_trial() {
         let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
         let [failure] = written.failures.as_slice() else { panic!("{answer}: {:?}", written.failures) };
         assert!(failure.reason.starts_with("answer to row 5") && failure.reason.contains(words), "{}", failure.reason);
-        assert_eq!((written.summary[0].answered, written.summary[0].rmse_m), (0.0, None));
+        assert_eq!((written.summary[0].answered, written.summary[0].rmse_m), (Some(0.0), None));
         let again = SpatialRun::failures(&folder.path().join("results")).unwrap();
         assert_eq!(again, written.failures);
     }

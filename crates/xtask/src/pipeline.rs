@@ -1,9 +1,9 @@
 //! Steps from scenes to report. Each step reuses results that are up to date.
 
+use std::thread;
 use std::time::Instant;
-use std::{fs, thread};
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use crate::parts::step;
 use crate::python::{self, Requirements};
 use crate::tools::{build_whisker, python, run, start, whisker};
@@ -69,7 +69,7 @@ const MISCALIBRATIONS: &[&str] = &[
 ];
 
 /// Options of an evaluation with the noise that each trace states.
-const AS_STATED: [&str; 8] = ["--estimators", "recommended", "--noise", "1", "--noise-unit", "stated", "--seeds", "1"];
+const AS_STATED: [&str; 6] = ["--noise", "1", "--noise-unit", "stated", "--seeds", "1"];
 
 /// Option by which finished runs with other settings are replaced.
 pub(crate) const FORCE: &str = "--force";
@@ -125,25 +125,10 @@ impl Evaluations {
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
     }
 
-    /// The recommended estimator on a random suite with the noise and the miscalibration that each trace states:
-    /// `results/<suite>/`.
-    pub(crate) fn as_stated(self, suite: &str) -> Outcome {
-        step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &AS_STATED[..]].concat()))
-    }
-
-    /// The same with another threshold of the signal of doubt, a mean normalised innovation squared: `results/<suite>_doubt_<nis>/`.
-    pub(crate) fn doubting(self, suite: &str, nis: u32) -> Outcome {
-        let name = format!("{suite}_doubt_{nis}");
-        let config = format!("results/{name}.json");
-        let write = || {
-            fs::create_dir_all("results")?;
-            fs::write(&config, format!("{{\"recommended\": {{\"doubt\": {{\"nis\": {nis}}}}}}}\n"))
-        };
-        write().map_err(|error| Failure::new(format!("{config}: {error}")))?;
-        let traces = format!("datasets/{suite}");
-        let inputs = [suite_file(suite), "--traces".into(), traces, "--name".into(), name, "--config".into(), config];
-        let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
-        step("evaluate with another threshold of doubt", || self.run(&[&inputs[..], &AS_STATED].concat()))
+    /// Estimators on a random suite with the noise and the miscalibration that each trace states: `results/<suite>/`.
+    pub(crate) fn as_stated(self, suite: &str, estimators: &str) -> Outcome {
+        let file = suite_file(suite);
+        step("evaluate", || self.run(&[&[file.as_str(), "--estimators", estimators], &AS_STATED[..]].concat()))
     }
 
     /// The recommended estimator on a suite, with the calibration off by one deviation at a time: `results/miscalibrated/`.

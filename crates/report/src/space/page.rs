@@ -29,7 +29,7 @@ impl Column {
 
     /// The smallest value of the rows that answer at all instants, as printed. `None` if all rows print the same.
     fn best(&self, rows: &[&SpatialSummaryRow]) -> Option<String> {
-        let ranked = rows.iter().filter(|row| self.is_ranked && row.answered == 1.0);
+        let ranked = rows.iter().filter(|row| self.is_ranked && row.answered == Some(1.0));
         let values = ranked.filter_map(|row| Some(((self.value)(row)?, self.printed(row)?)));
         let (_, best) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
         rows.iter().any(|row| self.printed(row).as_ref() != Some(&best)).then_some(best)
@@ -80,8 +80,8 @@ const COLUMNS: [Column; 14] = [
     Column {
         heading: "no answer",
         unit: "%",
-        meaning: "share of the scored instants without an estimate",
-        value: |row| Some(100.0 * (1.0 - row.answered)),
+        meaning: "share of the scored instants in the calibrated domain without an estimate",
+        value: |row| Some(100.0 * (1.0 - row.answered?)),
         decimals: 1,
         is_ranked: false,
     },
@@ -226,7 +226,7 @@ fn block(rows: &[&SpatialSummaryRow]) -> Markup {
                 @for (column, best) in COLUMNS.iter().zip(&best) {
                     td.number {
                         @match column.printed(row) {
-                            Some(text) if row.answered == 1.0 && Some(&text) == best.as_ref() => b.best { (text) },
+                            Some(text) if row.answered == Some(1.0) && Some(&text) == best.as_ref() => b.best { (text) },
                             Some(text) => (text),
                             None => "–",
                         }

@@ -1,8 +1,10 @@
 //! Consistency of an estimator on one trial: errors and innovations relative to their stated covariances.
 //! [`crate::consistency`] tests the averages over trials.
 
+use whisker::frames::{Base, Point};
+
 use super::{Contact, Metric, Scored, Summary};
-use crate::statistics::{CHI2_2_95, effective_samples, mean};
+use crate::statistics::{CHI2_2_95, effective_samples, mean, rms};
 
 /// Expectation of the NEES if the stated covariances are correct.
 const EXPECTED_NEES: f64 = 2.0;
@@ -49,6 +51,26 @@ pub const STATED_RMSE: Metric = Metric {
     measure: |scored| {
         let variance_m2 = |contact: &Contact| Some(scored.estimates[contact.row].as_ref()?.covariance_m2?.trace());
         mean(scored.steady().iter().filter_map(variance_m2)).map(f64::sqrt)
+    },
+};
+
+/// Residuals of the readings at the estimated contacts.
+pub const RESIDUAL_RATIO: Metric = Metric {
+    name: "residual_ratio",
+    about: "RMS residual of the readings at the estimated contacts over that at the true ones, after the first two seconds of \
+        contact in the calibrated domain; at most 1 if a method that fits one object to all readings explains them as well as the \
+        truth does (the contacts of filters follow the noise)",
+    summary: Summary::Median,
+    measure: |scored| {
+        let (face, readings_n_m) = (scored.trial.face()?, scored.trial.readings_n_m);
+        let residuals_n_m = |contact: &Contact| {
+            let expected_n_m = |at: Point<Base>| Some(face.predict(at)?.reading_n_m);
+            let found_n_m = expected_n_m(scored.estimates[contact.row].as_ref()?.contact)?;
+            let true_n_m = expected_n_m(scored.trial.true_contact(contact.row)?)?;
+            Some((readings_n_m[contact.row] - found_n_m, readings_n_m[contact.row] - true_n_m))
+        };
+        let (found_n_m, true_n_m): (Vec<f64>, Vec<f64>) = scored.steady().iter().filter_map(residuals_n_m).unzip();
+        Some(rms(&found_n_m)? / rms(&true_n_m)?)
     },
 };
 

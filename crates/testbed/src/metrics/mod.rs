@@ -112,6 +112,7 @@ pub const METRICS: &[Metric] = &[
     consistency::NIS,
     consistency::COVERAGE,
     consistency::STATED_RMSE,
+    consistency::RESIDUAL_RATIO,
     doubt::DOUBTED,
     doubt::DOUBT_TIME,
     doubt::ALARMS,

@@ -5,6 +5,7 @@ use trace::{Outline, Trace, TruthInstant};
 use whisker::RestShape;
 use whisker::estimators::{Estimate, Knowledge};
 use whisker::frames::{Base, Point};
+use whisker::sensor::CalibratedFace;
 
 use crate::bound::TraceBound;
 use crate::contact_events::Events;
@@ -43,10 +44,20 @@ impl Trial<'_> {
         surface_points(&self.trace.recording, self.knowledge, self.readings_n_m, &replay.estimates)
     }
 
+    /// The face that is touched. `None` if it is not calibrated.
+    pub(super) fn face(&self) -> Option<&CalibratedFace> {
+        self.knowledge.face(self.trace.sidecar.face).map(|face| &**face)
+    }
+
+    /// The true contact in Base at a row.
+    pub(super) fn true_contact(&self, row: usize) -> Option<Point<Base>> {
+        let contact = self.trace.truth.instants[row].contact?;
+        Some(self.trace.recording.instants[row].base.inverse().apply(contact))
+    }
+
     /// Whether a true contact, at `at` in Base, lies in the calibrated domain and not at the tip.
     fn is_calibrated(&self, at: Point<Base>, truth: &TruthInstant) -> bool {
-        let face = self.knowledge.face(self.trace.sidecar.face);
-        truth.tip != Some(true) && face.is_some_and(|face| face.domain.contains(face.along_and_away(at)))
+        truth.tip != Some(true) && self.face().is_some_and(|face| face.domain.contains(face.along_and_away(at)))
     }
 
     /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].

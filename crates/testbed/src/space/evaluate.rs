@@ -13,7 +13,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{Role, SpatialSidecar, SpatialTrace};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
 use whisker::space::frames::Point;
-use whisker::space::sensor::CalibratedSpace;
+use whisker::space::sensor::{Around, CalibratedSpace};
 
 use super::bound::{SpatialBoundAt, bound};
 use super::object::TrueObject;
@@ -73,9 +73,10 @@ pub struct SpatialTrialRow {
     pub seed: u64,
     /// Standard deviation of the noise of each moment.
     pub noise_sd_n_m: f64,
-    /// Share of the scored instants with an estimate.
-    pub answered: f64,
-    /// RMS error of the contact.
+    /// Share of the instants whose true contact lies in the calibrated domain, at neither tip nor several places, with an estimate.
+    /// `None` if there is no such instant.
+    pub answered: Option<f64>,
+    /// RMS error of the contact, over all instants with an estimate.
     pub rmse_m: Option<f64>,
     /// RMS error out of the plane of wire and force at the contact.
     pub out_of_plane_m: Option<f64>,
@@ -129,8 +130,8 @@ pub struct SpatialSummaryRow {
     pub estimator: String,
     /// Number of replays.
     pub trials: usize,
-    /// Mean share of the scored instants with an estimate.
-    pub answered: f64,
+    /// Mean share of the instants at which an estimate is expected with one.
+    pub answered: Option<f64>,
     /// RMS over the replays of their RMS error.
     pub rmse_m: Option<f64>,
     /// The same of the error out of the plane of wire and force.
@@ -317,7 +318,10 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
 /// Sums of squared errors over a replay.
 #[derive(Default)]
 struct Sums {
-    instants: usize,
+    /// Instants at which an estimate is expected, and those of them with one.
+    expected: usize,
+    expected_answered: usize,
+    /// Instants with an estimate.
     answered: usize,
     contact: f64,
     out_of_plane: f64,
@@ -365,7 +369,10 @@ impl Prepared {
         let mut sums = Sums::default();
         for (i, bound) in self.bound.iter().enumerate() {
             if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
-                sums.instants += 1;
+                if self.is_expected(i) {
+                    sums.expected += 1;
+                    sums.expected_answered += usize::from(replayed.estimates[i].is_some());
+                }
                 if let Some(object) = bound.object {
                     sums.object_bound += object.covariance_m2.trace();
                     sums.objects += 1;
@@ -401,7 +408,7 @@ impl Prepared {
             estimator: name.into(),
             seed,
             noise_sd_n_m: self.noise_sd_n_m,
-            answered: answered as f64 / sums.instants.max(1) as f64,
+            answered: (sums.expected > 0).then(|| sums.expected_answered as f64 / sums.expected as f64),
             rmse_m: rms(sums.contact),
             out_of_plane_m: rms(sums.out_of_plane),
             bound_m: rms(sums.bound).filter(|_| self.noise_sd_n_m > 0.0),
@@ -426,6 +433,16 @@ impl Prepared {
         };
         let failed = |reason| FailureRow { trace: trace.clone(), estimator: Some(name.into()), noise, seed, reason };
         Ok(Scored { trial: scores, steps_us: replayed.steps_us, failure: replayed.failure.map(failed) })
+    }
+
+    /// Whether the true contact lies in the calibrated domain and at neither tip nor several places, so that an estimate can be
+    /// expected.
+    fn is_expected(&self, i: usize) -> bool {
+        let (known, truth) = (&self.trace.recording.instants[i], &self.trace.truth.instants[i]);
+        truth.contact.is_some_and(|contact| {
+            let at = to_base(&known.base).apply(Point::from_vector(contact.contact));
+            !contact.tip && !contact.split && self.calibrated.domain.contains(Around::of(&self.calibrated.rest, at))
+        })
     }
 
     fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
@@ -485,7 +502,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             whisker: whisker.into(),
             estimator: estimator.into(),
             trials: trials.len(),
-            answered: mean(|trial| Some(trial.answered)).unwrap_or_default(),
+            answered: mean(|trial| trial.answered),
             rmse_m: mean(|trial| trial.rmse_m.map(|error| error * error)).map(f64::sqrt),
             out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
             bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),

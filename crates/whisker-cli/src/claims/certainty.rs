@@ -1,10 +1,18 @@
 //! Certainty on scenes that no setting was chosen on: the random suite, and pins with a calibration that is off.
+//!
+//! The readings of a trial may be those of two objects, the true one and another one whose contacts or outline are farther away than
+//! a claim allows. No method that does not know the shape can then meet the claim on both. `outline-batch` finds such objects: its
+//! outline is ambiguous if it is too far away although the residuals at its contacts are at most those at the true ones.
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use testbed::metrics::{Metric, bound, consistency, contour, error};
 use testbed::results::TrialRow;
 use testbed::statistics::{mean, median, quantile};
 
-use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share, sidecar};
+use super::sets::{
+    Set, coverage_of, doubt_false_per_min, doubt_found, nis_of_missed, overconfident, sets_of, share, sidecar,
+};
 use super::{Claim, Context, RECOMMENDED, contacts, friction, hollow};
 
 /// Run of the random suite.
@@ -13,13 +21,9 @@ const RANDOM: &str = "random";
 /// Run of the standard suite's pins with miscalibrations.
 const MISCALIBRATED: &str = "miscalibrated";
 
-/// Runs of the random suite with other thresholds of the signal of doubt.
-const DOUBTING: [(&str, &str); 3] = [("2", "random_doubt_2"), ("3", "random_doubt_3"), ("6", "random_doubt_6")];
-
 /// Runs of the claims on certainty: those of this topic, and those of contacts with friction and of objects that are not convex or
 /// move.
-pub(super) const RUNS: &[&str] =
-    &[RANDOM, MISCALIBRATED, DOUBTING[0].1, DOUBTING[1].1, DOUBTING[2].1, contacts::RUN, friction::RUN, hollow::RUN];
+pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED, contacts::RUN, friction::RUN, hollow::RUN];
 
 /// Shapes with corners; a plate is met at its edge.
 const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];
@@ -33,8 +37,14 @@ const SMALL_RADIUS_M: f64 = 6e-3;
 /// Mean distance of an accurate outline.
 const OUTLINE_M: f64 = 0.05e-3;
 
+/// Bound of the 90th percentile of the error on smooth objects.
+const P90_M: f64 = 0.25e-3;
+
+/// Method that fits one convex outline to all readings of a touch.
+const FITTED: &str = "outline-batch";
+
 pub(super) fn claims() -> Vec<Claim> {
-    let parts = [coverage(), errors(), outlines(), small_circles(), lift_offs(), doubts(), miscalibrations()];
+    let parts = [coverage(), errors(), outlines(), small_circles(), lift_offs(), doubts().into(), miscalibrations()];
     parts.into_iter().flatten().collect()
 }
 
@@ -84,10 +94,38 @@ fn trials(context: &Context, polygons: bool) -> Vec<&TrialRow> {
     of_kind.flat_map(|set| set.trials).filter(is_scorable).collect()
 }
 
-/// Trials whose bound with unknown size and deviations does not exceed the largest error.
-fn possible(context: &Context, polygons: bool) -> impl Iterator<Item = &TrialRow> {
-    let is_possible = |trial: &&TrialRow| trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M);
-    trials(context, polygons).into_iter().filter(is_possible)
+/// Trials of [`FITTED`] whose error is above `most_m`, although the outline explains the readings as well as the true one does.
+fn ambiguous<'a>(context: &'a Context, metric: &Metric, most_m: f64) -> BTreeSet<(&'a str, u64)> {
+    let fitted = context.run(RANDOM).trials.iter().filter(|trial| trial.head.estimator == FITTED);
+    let is_ambiguous = |trial: &&TrialRow| {
+        trial.get(metric).is_some_and(|error_m| error_m > most_m)
+            && trial.get(&consistency::RESIDUAL_RATIO).is_some_and(|ratio| ratio <= 1.0)
+    };
+    fitted.filter(is_ambiguous).map(key).collect()
+}
+
+/// Trace and seed of a trial.
+fn key(trial: &TrialRow) -> (&str, u64) {
+    (&trial.head.trace, trial.head.seed)
+}
+
+/// Trials in which an error of at most [`FAILED_M`] can be expected: the bound with unknown size and deviations does not exceed it, and
+/// no other outline explains the readings.
+fn possible(context: &Context, polygons: bool) -> Vec<&TrialRow> {
+    let ambiguous = ambiguous(context, &error::RMSE, FAILED_M);
+    let mut found = trials(context, polygons);
+    found.retain(|trial| {
+        trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M) && !ambiguous.contains(&key(trial))
+    });
+    found
+}
+
+/// Share (%) of the trials in which an error of at most `most_m` cannot be expected.
+fn impossible(context: &Context, polygons: bool, most_m: f64) -> Option<f64> {
+    let ambiguous = ambiguous(context, &error::RMSE, most_m);
+    share(trials(context, polygons), |trial| {
+        trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m > most_m) || ambiguous.contains(&key(trial))
+    })
 }
 
 /// Whether the calibration of a trial is exact.
@@ -116,10 +154,23 @@ fn errors_of(kind: &'static str, objects: &'static str, polygons: bool, most_fai
         }),
         Claim::at_most(
             format!("random_{kind}_avoidable"),
-            about(&format!("{failed}, of those whose bound with unknown size and deviations does not exceed it")),
+            about(&format!(
+                "{failed}, of those whose bound with unknown size and deviations does not exceed it and whose readings no other \
+                 outline explains"
+            )),
             most_failed,
             "%",
             move |context| Ok(share(possible(context, polygons), |trial| has_failed(trial))),
+        ),
+        Claim::at_least(
+            format!("random_{kind}_impossible"),
+            format!(
+                "random suite, {objects}: trials whose bound with unknown size and deviations exceeds 0.5 mm, or whose readings are \
+                 also those of another convex outline, with contacts more than 0.5 mm away"
+            ),
+            most_failed,
+            "%",
+            move |context| Ok(impossible(context, polygons, FAILED_M)),
         ),
         Claim::at_most(
             format!("random_{kind}_unanswered"),
@@ -131,13 +182,14 @@ fn errors_of(kind: &'static str, objects: &'static str, polygons: bool, most_fai
         Claim::at_most(
             format!("random_{kind}_exact_failed"),
             about(&format!(
-                "{failed}, of those with an exact calibration, an estimate, and a bound that does not exceed it"
+                "{failed}, of those with an exact calibration, an estimate, a bound that does not exceed it, and readings that no \
+                 other outline explains"
             )),
             most_failed,
             "%",
             move |context| {
                 let mut exact = Vec::new();
-                for trial in possible(context, polygons).filter(|trial| trial.get(&error::RMSE).is_some()) {
+                for trial in possible(context, polygons).into_iter().filter(|trial| trial.get(&error::RMSE).is_some()) {
                     exact.extend(is_exact(trial)?.then_some(trial));
                 }
                 Ok(share(exact, |trial| has_failed(trial)))
@@ -160,7 +212,7 @@ fn errors() -> Vec<Claim> {
     claims.push(Claim::at_most(
         "random_smooth_p90".into(),
         about("smooth objects: 90th percentile over trials of the steady RMSE"),
-        0.25,
+        1e3 * P90_M,
         "mm",
         |context| {
             let errors: Vec<f64> = trials(context, false)
@@ -170,7 +222,27 @@ fn errors() -> Vec<Claim> {
             Ok(quantile(&errors, 0.9).filter(|error_m| error_m.is_finite()).map(|error_m| 1e3 * error_m))
         },
     ));
+    claims.push(Claim::at_least(
+        "random_smooth_p90_impossible".into(),
+        "random suite, smooth objects: trials whose bound with unknown size and deviations exceeds 0.25 mm, or whose readings are also \
+         those of another convex outline, with contacts more than 0.25 mm away"
+            .into(),
+        10.0,
+        "%",
+        |context| Ok(impossible(context, false, P90_M)),
+    ));
     claims
+}
+
+/// Share (%) of the sets with readings that are also those of another convex outline, too far away in the mean over these trials.
+fn undecided(context: &Context) -> Option<f64> {
+    let explained = ambiguous(context, &contour::MEAN, 0.0);
+    let mut distances_m: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for trial in context.run(RANDOM).trials.iter().filter(|trial| trial.head.estimator == FITTED) {
+        let of_set = distances_m.entry(&trial.head.group).or_default();
+        of_set.extend(trial.get(&contour::MEAN).filter(|_| explained.contains(&key(trial))));
+    }
+    share(distances_m.into_values(), |of_set| mean(of_set.iter().copied()).is_some_and(|mean_m| mean_m > OUTLINE_M))
 }
 
 fn outlines() -> Vec<Claim> {
@@ -189,6 +261,13 @@ fn outlines() -> Vec<Claim> {
                 let is_accurate = |set: &Set<'_>| set.mean(&contour::MEAN).is_some_and(|mean_m| mean_m <= OUTLINE_M);
                 Ok(share(sets(context), is_accurate))
             },
+        ),
+        Claim::at_least(
+            "random_outline_impossible".into(),
+            "random suite: sets with readings that are also those of other convex outlines, off by more than 0.05 mm in the mean".into(),
+            10.0,
+            "%",
+            |context| Ok(undecided(context)),
         ),
         Claim::at_least("random_band_low".into(), held.clone(), 88.0, "%", band),
         Claim::at_most("random_band_high".into(), held, 99.0, "%", band),
@@ -252,28 +331,32 @@ fn lift_offs() -> Vec<Claim> {
     )]
 }
 
-fn doubts() -> Vec<Claim> {
-    let found = about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s");
-    let alarms = about("signals of doubt per minute of contact, in sets with a coverage of at least 80 %");
-    let at_threshold = |id: &str, what: &str, run: &'static str| {
-        [
-            Claim::at_least(format!("random_doubt_found{id}"), format!("{found}{what}"), 90.0, "%", move |context| {
-                Ok(doubt_found(sets_of(context, run, RANDOM)))
-            }),
-            Claim::at_most(
-                format!("random_doubt_false{id}"),
-                format!("{alarms}{what}"),
-                0.02,
-                "per minute",
-                move |context| Ok(doubt_false_per_min(sets_of(context, run, RANDOM))),
+fn doubts() -> [Claim; 3] {
+    [
+        Claim::at_least(
+            "random_doubt_found".into(),
+            about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s"),
+            90.0,
+            "%",
+            |context| Ok(doubt_found(sets(context))),
+        ),
+        Claim::at_most(
+            "random_doubt_nis".into(),
+            about(
+                "normalised innovations squared in sets with a coverage below 60 %, over those in sets of at least 80 %",
             ),
-        ]
-    };
-    let mut claims = Vec::from(at_threshold("", "", RANDOM));
-    for (nis, run) in DOUBTING {
-        claims.extend(at_threshold(&format!("_{nis}"), &format!(", threshold {nis}"), run));
-    }
-    claims
+            1.0,
+            "times",
+            |context| Ok(nis_of_missed(&sets(context))),
+        ),
+        Claim::at_most(
+            "random_doubt_false".into(),
+            about("signals of doubt per minute of contact, in sets with a coverage of at least 80 %"),
+            0.02,
+            "per minute",
+            |context| Ok(doubt_false_per_min(sets(context))),
+        ),
+    ]
 }
 
 /// Miscalibrations of the pins, by their labels in the groups' names.

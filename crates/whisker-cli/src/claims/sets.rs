@@ -74,17 +74,33 @@ pub(super) fn overconfident(sets: &[Set<'_>]) -> Option<f64> {
     share(sets.iter().filter_map(Set::coverage), |coverage| *coverage < OVERCONFIDENT_COVERAGE)
 }
 
-/// Share (%) of the trials in which `model_doubtful` is raised within [`DOUBT_WITHIN_S`], over the sets with a coverage below
-/// [`DOUBTFUL_COVERAGE`].
+/// Whether `model_doubtful` must be raised: the coverage of a set is below [`DOUBTFUL_COVERAGE`].
+fn is_missed(set: &Set<'_>) -> bool {
+    set.coverage().is_some_and(|coverage| coverage < DOUBTFUL_COVERAGE)
+}
+
+/// Whether a set is not overconfident.
+fn is_good(set: &Set<'_>) -> bool {
+    set.coverage().is_some_and(|coverage| coverage >= OVERCONFIDENT_COVERAGE)
+}
+
+/// Share (%) of the trials in which `model_doubtful` is raised within [`DOUBT_WITHIN_S`], over the sets in which it must be.
 pub(super) fn doubt_found(sets: Vec<Set<'_>>) -> Option<f64> {
-    let missed = sets.into_iter().filter(|set| set.coverage().is_some_and(|share| share < DOUBTFUL_COVERAGE));
     let is_found = |trial: &&TrialRow| trial.get(&doubt::DOUBT_TIME).is_some_and(|time_s| time_s <= DOUBT_WITHIN_S);
-    share(missed.flat_map(|set| set.trials), is_found)
+    share(sets.into_iter().filter(is_missed).flat_map(|set| set.trials), is_found)
+}
+
+/// Mean normalised innovation squared of the sets in which `model_doubtful` must be raised, over that of the sets that are not
+/// overconfident. At most 1 if no test of the innovations can tell them apart.
+pub(super) fn nis_of_missed(sets: &[Set<'_>]) -> Option<f64> {
+    let nis_of = |counts: fn(&Set<'_>) -> bool| {
+        mean(sets.iter().filter(|set| counts(set)).filter_map(|set| set.mean(&consistency::NIS)))
+    };
+    Some(nis_of(is_missed)? / nis_of(is_good)?)
 }
 
 /// Number of times that `model_doubtful` is raised per minute of contact, over the sets that are not overconfident.
 pub(super) fn doubt_false_per_min(sets: Vec<Set<'_>>) -> Option<f64> {
-    let is_good = |set: &Set<'_>| set.coverage().is_some_and(|coverage| coverage >= OVERCONFIDENT_COVERAGE);
     let good: Vec<&TrialRow> = sets.into_iter().filter(is_good).flat_map(|set| set.trials).collect();
     let total = |metric: &Metric| good.iter().filter_map(|trial| trial.get(metric)).sum::<f64>();
     let minutes = total(&doubt::CONTACT_TIME) / 60.0;

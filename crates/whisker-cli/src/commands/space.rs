@@ -200,7 +200,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             row.whisker.clone(),
             row.estimator.clone(),
             row.trials.to_string(),
-            table::percent(Some(row.answered)),
+            table::percent(row.answered),
             table::millimetres(row.rmse_m),
             table::millimetres(row.out_of_plane_m),
             table::millimetres(row.bound_m),

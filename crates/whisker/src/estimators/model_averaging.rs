@@ -243,11 +243,9 @@ const LEAST_FACTOR: f64 = 0.05;
 /// smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt.
-const MOVING_SHARE: f64 = 0.99;
-
-/// Time for which it must be exceeded.
-const MOVING_S: f64 = 0.1;
+/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt. A contact
+/// that jumps from corner to corner of an object at rest makes a moving object probable for an instant. Chosen on training suites.
+const MOVING_SHARE: f64 = 1.0 - 1e-6;
 
 /// Probability of a moving object at or below which this doubt ends.
 const NO_LONGER_MOVING_SHARE: f64 = 0.9;
@@ -285,7 +283,7 @@ impl Method for ModelAveraging {
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
-            moving: Moving::default(),
+            signals_motion: false,
             second: Second::default(),
             touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
             has_returned: false,
@@ -309,27 +307,9 @@ struct Part<'a> {
     considered: bool,
 }
 
-/// Signal that the object moves. It waits, since a contact that jumps from corner to corner of an object at rest makes a moving object
-/// probable for an instant.
-#[derive(Clone, Copy, Debug, Default)]
-struct Moving {
-    /// Time since the first step at which a moving object was probable. `None` if it is not.
-    since_s: Option<f64>,
-    is_raised: bool,
-}
-
-impl Moving {
-    /// Takes the probability of a moving object after a step.
-    fn advance(&mut self, dt_s: f64, share: f64) {
-        let since_s = self.since_s.map_or(0.0, |since_s| since_s + dt_s);
-        self.since_s = (share > MOVING_SHARE).then_some(since_s);
-        let lasts = self.is_raised && share > NO_LONGER_MOVING_SHARE;
-        self.is_raised = lasts || self.since_s.is_some_and(|since_s| since_s >= MOVING_S);
-    }
-
-    fn is_raised(&self) -> bool {
-        self.is_raised
-    }
+/// Whether the signal that the object moves is raised at a probability of a moving object, after it was or was not.
+fn signals_motion(was_raised: bool, share: f64) -> bool {
+    share > if was_raised { NO_LONGER_MOVING_SHARE } else { MOVING_SHARE }
 }
 
 /// The candidates on one contact.
@@ -345,7 +325,8 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
-    moving: Moving,
+    /// Whether the signal that the object moves is raised.
+    signals_motion: bool,
     second: Second,
     touched: TouchedPlaces,
     /// Whether the whisker bears on a place that was touched before.
@@ -825,9 +806,9 @@ impl AveragingTracker {
         let innovation = self.weigh(sample, count, &estimates);
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         if innovation.is_some() && self.shows_motion(&estimates) {
-            self.moving.advance(sample.dt_s, self.moving_share());
+            self.signals_motion = signals_motion(self.signals_motion, self.moving_share());
         }
-        let model_doubtful = self.doubtful.is_raised() || self.moving.is_raised();
+        let model_doubtful = self.doubtful.is_raised() || self.signals_motion;
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
         let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
         let second_contact = self.second.is_raised();
@@ -909,7 +890,7 @@ impl Tracker for AveragingTracker {
         self.touched.resume(touch.face.face);
         self.has_returned = false;
         self.doubtful.resume();
-        self.moving = Moving::default();
+        self.signals_motion = false;
         self.begin_again_with(touch);
         if std::mem::take(&mut self.continues) {
             return true;
@@ -960,7 +941,7 @@ mod tests {
             trackers: Vec::new(),
             right: Modes::new(shares),
             doubtful: Doubtful::default(),
-            moving: Moving::default(),
+            signals_motion: false,
             second: Second::default(),
             touched: TouchedPlaces::new(None, face.face),
             has_returned: false,
@@ -1073,33 +1054,25 @@ mod tests {
     #[test]
     fn verif_considered_candidates_do_not_count_for_the_probability_of_motion() {
         let knowledge = knowledge();
-        let moves = |shares: [f64; 3]| {
+        let share = |shares: [f64; 3]| {
             let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
             tracker.right = Modes::new(shares);
             tracker.considered = vec![false, false, true];
             tracker.trackers = vec![Box::new(Carrier(None)), Box::new(Mover), Box::new(Carrier(None))];
-            tracker.moving_share() > MOVING_SHARE
+            tracker.moving_share()
         };
         // The last candidate is considered.
-        assert!(moves([0.001, 0.5, 0.499]) && !moves([0.1, 0.5, 0.4]));
+        assert!((share([0.125, 0.375, 0.5]) - 0.75).abs() < 1e-12 && share([0.0, 0.5, 0.5]) == 1.0);
     }
 
     #[test]
-    fn verif_motion_is_signalled_if_it_is_probable_for_a_while() {
-        let mut moving = Moving::default();
-        let mut advance = |share: f64, dt_s: f64| {
-            moving.advance(dt_s, share);
-            moving.is_raised()
+    fn verif_the_signal_of_motion_lasts_until_a_lower_probability() {
+        let mut is_raised = false;
+        let mut advance = |share: f64| {
+            is_raised = signals_motion(is_raised, share);
+            is_raised
         };
-        let (probable, likely, unlikely) = (0.999, 0.95, 0.5);
-        for _ in 0..10 {
-            // A long first step is no wait.
-            assert!(!advance(probable, 10.0 * MOVING_S) && !advance(likely, MOVING_S));
-        }
-        assert!(
-            !advance(probable, MOVING_S) && !advance(probable, 0.6 * MOVING_S) && advance(probable, 0.6 * MOVING_S)
-        );
-        assert!(advance(likely, 1.0) && !advance(unlikely, 0.01) && !advance(likely, 1.0));
+        assert!(!advance(0.9999) && advance(1.0 - 1e-7) && advance(0.95) && !advance(0.5) && !advance(0.95));
     }
 
     /// A candidate that keeps its posterior from touch to touch.

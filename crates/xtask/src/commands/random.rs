@@ -29,9 +29,6 @@ const SEEDS: u32 = 20;
 const CLAIMS: &str = "certainty";
 const OUT: &str = "results/reference/certainty";
 
-/// Thresholds of the signal of doubt beside the default, of which `whisker reproduce` has the claims (its `claims/certainty.rs`).
-const DOUBT_THRESHOLDS: [u32; 3] = [2, 3, 6];
-
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let evaluations = match arguments {
         [] => Evaluations::new(false),
@@ -48,13 +45,11 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     kept::keep("range", &["run.json", "summary.csv"])?;
     pipeline::simulate(RANDOM)?;
     pipeline::fit(RANDOM)?;
-    evaluations.as_stated(RANDOM)?;
-    for nis in DOUBT_THRESHOLDS {
-        evaluations.doubting(RANDOM, nis)?;
-    }
+    // `outline-batch` shows which readings have several explanations.
+    evaluations.as_stated(RANDOM, "recommended,outline-batch")?;
     pipeline::simulate(RANDOM_CONTACTS)?;
     pipeline::fit(RANDOM_CONTACTS)?;
-    evaluations.as_stated(RANDOM_CONTACTS)?;
+    evaluations.as_stated(RANDOM_CONTACTS, "recommended")?;
     for suite in [FRICTION, HOLLOW] {
         pipeline::simulate(suite)?;
         pipeline::fit(suite)?;
