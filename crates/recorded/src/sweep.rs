@@ -9,6 +9,7 @@
 
 use std::ops::Range;
 
+use filters::least_squares::{self, Damping, Method, Moves, Problem, Quadratic, minimise};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x2, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -152,7 +153,7 @@ pub fn contacts(
         for stage in [&following, &batch] {
             stage.solve(rows, &mut places, settings.iterations, false);
         }
-        let Some(covariances_m2) = batch.linearised(rows, &places).covariances_m2() else { continue };
+        let Some(covariances_m2) = batch.approximated(rows, places.clone()).covariances_m2() else { continue };
         for (i, ((reading, contact_m), covariance_m2)) in part.zip(rows.iter().zip(places).zip(covariances_m2)) {
             let is_known = predictor.distance_m(&reading.to_sensor(&contact_m)) <= reach_m;
             contacts[i] = is_known.then_some(SweptContact { contact_m, covariance_m2 });
@@ -266,38 +267,26 @@ impl Sweep<'_> {
         Some(reading.rotation * normal(self.predictor, self.root_m, &reading.to_sensor(place))?)
     }
 
-    /// Steps of Levenberg-Marquardt for the contacts of consecutive rows. While a contact is followed, its normals are held in each
-    /// step, and every step is taken. `is_tied` holds the first contact.
+    /// Improves the contacts of consecutive rows: by the Gauss-Newton method, which holds the normals in each step, while a contact is
+    /// followed, and by the Levenberg-Marquardt method in the batch. `is_tied` holds the first contact.
     fn solve(&self, rows: &[Reading], places: &mut [Vector3<f64>], iterations: usize, is_tied: bool) {
-        const MOST_M: f64 = 2e-3;
-        const LEAST_GAIN: f64 = 1e-3;
-        let mut damping = 1e-3;
-        let mut at = self.linearised(rows, places);
-        for _ in 0..iterations {
-            let mut damped = at.normal_matrix.clone();
-            for i in 0..damped.nrows() {
-                damped[(i, i)] *= if is_tied && i < 3 { 1e9 } else { 1.0 + damping };
-            }
-            let Some(factor) = damped.cholesky() else { return };
-            let step = factor.solve(&at.gradient);
-            let share = MOST_M / step.amax().max(MOST_M);
-            let moved: Vec<Vector3<f64>> =
-                places.iter().enumerate().map(|(i, place)| place + step.fixed_rows::<3>(3 * i) * share).collect();
-            let next = self.linearised(rows, &moved);
-            if next.cost < at.cost || self.stage == Stage::Following {
-                let gain = (at.cost - next.cost).abs();
-                places.copy_from_slice(&moved);
-                (at, damping) = (next, 0.2 * damping);
-                if gain < LEAST_GAIN {
-                    break;
-                }
-            } else {
-                damping *= 8.0;
-            }
+        /// Decrease of the cost, and norm of a step (m), at which a search has converged.
+        const LEAST_GAIN: f64 = 0.5e-3;
+        const LEAST_STEP_M: f64 = 1e-8;
+        let method = match self.stage {
+            Stage::Following => Method::GaussNewton,
+            Stage::Batch => Method::LevenbergMarquardt(Damping::MARQUARDT),
+        };
+        let settings =
+            least_squares::Settings { method, iterations, absolute: LEAST_GAIN, relative: 0.0, step: LEAST_STEP_M };
+        let start = self.approximated(rows, places.to_vec());
+        if let Some(found) = minimise(&Touch { sweep: self, rows, is_tied }, start, &settings) {
+            places.copy_from_slice(&found.state.places_m);
         }
     }
 
-    fn linearised(&self, rows: &[Reading], places: &[Vector3<f64>]) -> Linearised {
+    /// Cost of contacts, half the sum of the squared errors, with its approximation about them.
+    fn approximated(&self, rows: &[Reading], places_m: Vec<Vector3<f64>>) -> Approximated {
         /// Squared normalised residual at which a reading counts as outlier, and change of the motion, in standard deviations,
         /// beyond which its weight decreases.
         const OUTLIER: f64 = 16.0;
@@ -307,15 +296,15 @@ impl Sweep<'_> {
         /// Step of the derivatives of the normals (m).
         const STEP_M: f64 = 2e-5;
         let count = rows.len();
-        let mut linearised = Linearised {
-            cost: 0.0,
-            normal_matrix: DMatrix::identity(3 * count, 3 * count) * PRIOR_PER_M2,
-            gradient: DVector::zeros(3 * count),
+        let (gradient, curvature) = (DVector::zeros(3 * count), DMatrix::identity(3 * count, 3 * count) * PRIOR_PER_M2);
+        let mut found = Approximated {
+            quadratic: Quadratic { cost: 0.0, gradient, curvature },
             pull: DMatrix::zeros(3 * count, 2),
+            places_m,
         };
         // Normals, and their derivatives in the plane: where on the wire a contact lies shows mainly in how they turn.
         let mut normals: Vec<Option<(Vector3<f64>, Matrix3<f64>)>> = Vec::with_capacity(count);
-        for (i, (reading, place)) in rows.iter().zip(places).enumerate() {
+        for (i, (reading, place)) in rows.iter().zip(&found.places_m).enumerate() {
             let (expected, slopes) = self.predictor.predict(&reading.to_sensor(place));
             let jacobian = slopes * reading.rotation.inverse().matrix();
             let variance = self.variance(reading);
@@ -323,14 +312,14 @@ impl Sweep<'_> {
             // Geman-McClure, as for fixed contacts.
             let square = residual.norm_squared() / variance;
             let share = OUTLIER / (OUTLIER + square);
-            linearised.cost += square * share;
+            found.quadratic.cost += 0.5 * square * share;
             let weight = share * share / variance;
-            let mut of = linearised.gradient.fixed_rows_mut::<3>(3 * i);
-            of += jacobian.transpose() * residual * weight;
-            let mut block = linearised.normal_matrix.fixed_view_mut::<3, 3>(3 * i, 3 * i);
+            let mut of = found.quadratic.gradient.fixed_rows_mut::<3>(3 * i);
+            of -= jacobian.transpose() * residual * weight;
+            let mut block = found.quadratic.curvature.fixed_view_mut::<3, 3>(3 * i, 3 * i);
             block += jacobian.transpose() * jacobian * weight;
             let of_common: Matrix3x2<f64> = jacobian.transpose() * (weight * variance.sqrt());
-            linearised.pull.fixed_view_mut::<3, 2>(3 * i, 0).copy_from(&of_common);
+            found.pull.fixed_view_mut::<3, 2>(3 * i, 0).copy_from(&of_common);
             normals.push(self.normal(reading, place).map(|direction| {
                 let turned = |axis: usize| {
                     if self.stage == Stage::Following {
@@ -345,12 +334,12 @@ impl Sweep<'_> {
         let settings = self.settings;
         for i in 1..count {
             let step_m = (rows[i].origin_m - rows[i - 1].origin_m).norm().max(1e-5);
-            let moved = places[i] - places[i - 1];
+            let moved = found.places_m[i] - found.places_m[i - 1];
             let (cost, weight) = self.slip(moved.xy().norm(), step_m);
             let upward = settings.height_m.powi(-2);
-            linearised.cost += cost + upward * moved.z.powi(2);
+            found.quadratic.cost += 0.5 * (cost + upward * moved.z.powi(2));
             let weight = Matrix3::from_diagonal(&Vector3::new(weight, weight, upward));
-            linearised.add(&[(i - 1, -1.0), (i, 1.0)], weight, moved);
+            found.add(&[(i - 1, -1.0), (i, 1.0)], weight, moved);
             if let (Some((one, one_turns)), Some((other, other_turns))) = (normals[i - 1], normals[i])
                 && let Some(mean) = (one + other).try_normalize(0.1)
             {
@@ -360,39 +349,78 @@ impl Sweep<'_> {
                 let mut slopes = SVector::<f64, 6>::zeros();
                 slopes.fixed_rows_mut::<3>(0).copy_from(&(one_turns.tr_mul(&across) - mean / sd_m));
                 slopes.fixed_rows_mut::<3>(3).copy_from(&(other_turns.tr_mul(&across) + mean / sd_m));
-                linearised.add_error(i, mean.dot(&moved) / sd_m, &slopes);
+                found.add_error(i, mean.dot(&moved) / sd_m, &slopes);
             }
             if i > 1 {
-                let change = places[i] - 2.0 * places[i - 1] + places[i - 2];
+                let change = found.places_m[i] - 2.0 * found.places_m[i - 1] + found.places_m[i - 2];
                 // Beyond three standard deviations the weight decreases: contacts jump between edges.
                 let variance_m2 = (settings.smooth * step_m).powi(2);
                 let square = change.norm_squared() / (JUMP.powi(2) * variance_m2);
-                linearised.cost += JUMP.powi(2) * square.ln_1p();
+                found.quadratic.cost += 0.5 * JUMP.powi(2) * square.ln_1p();
                 let weight = Matrix3::identity() / (variance_m2 * (1.0 + square));
-                linearised.add(&[(i - 2, 1.0), (i - 1, -2.0), (i, 1.0)], weight, change);
+                found.add(&[(i - 2, 1.0), (i - 1, -2.0), (i, 1.0)], weight, change);
             }
         }
-        linearised
+        found
     }
 }
 
-/// Cost and normal equations of the contacts of consecutive rows.
-struct Linearised {
-    cost: f64,
-    normal_matrix: DMatrix<f64>,
-    gradient: DVector<f64>,
+/// Rows of a sweep that are solved together.
+struct Touch<'a> {
+    sweep: &'a Sweep<'a>,
+    rows: &'a [Reading],
+    /// Whether the first contact is held.
+    is_tied: bool,
+}
+
+impl Moves for Touch<'_> {
+    type State = Approximated;
+
+    fn moved(&self, at: &Approximated, step: &DVector<f64>) -> Option<Approximated> {
+        let moved = at.places_m.iter().enumerate().map(|(i, place)| place + step.fixed_rows::<3>(3 * i));
+        Some(self.sweep.approximated(self.rows, moved.collect()))
+    }
+
+    /// The damped step, shortened if a coordinate would change by more than 2 mm.
+    fn step(&self, approximation: &Quadratic, damping: f64) -> Option<DVector<f64>> {
+        const MOST_M: f64 = 2e-3;
+        const HELD: f64 = 1e9;
+        let mut held = approximation.clone();
+        for i in 0..if self.is_tied { 3 } else { 0 } {
+            held.curvature[(i, i)] *= HELD;
+        }
+        let step = held.damped_step(damping)?;
+        let share = MOST_M / step.amax().max(MOST_M);
+        Some(step * share)
+    }
+}
+
+impl Problem for Touch<'_> {
+    fn approximate(&self, at: &Approximated) -> Option<Quadratic> {
+        Some(at.quadratic.clone())
+    }
+
+    fn cost(&self, at: &Approximated, _: &Approximated) -> Option<f64> {
+        Some(at.quadratic.cost)
+    }
+}
+
+/// Contacts of consecutive rows with the approximation of the cost about them.
+struct Approximated {
+    places_m: Vec<Vector3<f64>>,
+    quadratic: Quadratic,
     /// Gradients that errors add which are one standard deviation of the reading in all rows, for both channels.
     pull: DMatrix<f64>,
 }
 
-impl Linearised {
+impl Approximated {
     /// Adds a squared error of the motion between rows: the sum of places, each times a factor, with its inverse covariance.
     fn add(&mut self, at: &[(usize, f64)], weight: Matrix3<f64>, value: Vector3<f64>) {
         for &(i, a) in at {
-            let mut of = self.gradient.fixed_rows_mut::<3>(3 * i);
-            of -= weight * value * a;
+            let mut of = self.quadratic.gradient.fixed_rows_mut::<3>(3 * i);
+            of += weight * value * a;
             for &(j, b) in at {
-                let mut block = self.normal_matrix.fixed_view_mut::<3, 3>(3 * i, 3 * j);
+                let mut block = self.quadratic.curvature.fixed_view_mut::<3, 3>(3 * i, 3 * j);
                 block += weight * (a * b);
             }
         }
@@ -400,16 +428,17 @@ impl Linearised {
 
     /// Adds the square of an error of the contacts of a row and of the one before it, with its derivatives by both.
     fn add_error(&mut self, i: usize, error: f64, slopes: &SVector<f64, 6>) {
-        self.cost += error * error;
-        let mut of = self.gradient.fixed_rows_mut::<6>(3 * (i - 1));
-        of -= slopes * error;
-        let mut block = self.normal_matrix.fixed_view_mut::<6, 6>(3 * (i - 1), 3 * (i - 1));
+        let Quadratic { cost, gradient, curvature } = &mut self.quadratic;
+        *cost += 0.5 * error * error;
+        let mut of = gradient.fixed_rows_mut::<6>(3 * (i - 1));
+        of += slopes * error;
+        let mut block = curvature.fixed_view_mut::<6, 6>(3 * (i - 1), 3 * (i - 1));
         block += slopes * slopes.transpose();
     }
 
-    /// Covariance of each contact. `None` unless the normal matrix is positive definite.
+    /// Covariance of each contact. `None` unless the curvature is positive definite.
     fn covariances_m2(self) -> Option<Vec<Matrix3<f64>>> {
-        let factor = self.normal_matrix.cholesky()?;
+        let factor = self.quadratic.curvature.cholesky()?;
         let common = factor.solve(&self.pull);
         let inverse = factor.inverse();
         let of = |i: usize| {
@@ -515,17 +544,17 @@ mod tests {
         let rows = readings(&predictor, &[polar(0.031, 0.02, 1e-4); 6]);
         let sweep =
             Sweep { predictor: &predictor, root_m: &Vector3::zeros(), settings: &settings, stage: Stage::Batch };
-        let gradient = sweep.linearised(&rows, &places).gradient;
+        let gradient = sweep.approximated(&rows, places.clone()).quadratic.gradient;
         for (i, axis) in [(0, 0), (0, 1), (2, 0), (3, 1), (5, 0), (5, 1)] {
             let mut cost = |by_m: f64| {
                 places[i][axis] += by_m;
-                let cost = sweep.linearised(&rows, &places).cost;
+                let cost = sweep.approximated(&rows, places.clone()).quadratic.cost;
                 places[i][axis] -= by_m;
                 cost
             };
             let slope = (cost(1e-7) - cost(-1e-7)) / 2e-7;
-            let error = (gradient[3 * i + axis] + 0.5 * slope).abs();
-            assert!(error < 0.02 * slope.abs().max(1e3), "{i} {axis}: {} {slope}", gradient[3 * i + axis]);
+            let error = (gradient[3 * i + axis] - slope).abs();
+            assert!(error < 0.02 * slope.abs().max(500.0), "{i} {axis}: {} {slope}", gradient[3 * i + axis]);
         }
     }
 }
