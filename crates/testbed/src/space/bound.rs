@@ -55,6 +55,8 @@ pub struct ObjectBoundAt {
     pub covariance_m2: Matrix3<f64>,
     /// Lower bound of the variance of the rod's direction, both angles together (rad2). `None` for a sphere.
     pub direction_rad2: Option<f64>,
+    /// Lower bound of the variance of the logarithm of the radius of object and wire together.
+    pub log_radius2: f64,
 }
 
 /// Bound at every instant of a trace; `None` while the whisker is free. `object` is the touched object, if it has few parameters.
@@ -133,7 +135,9 @@ impl UnknownObject {
         }
         let covariance = self.information.clone().cholesky()?.inverse();
         let direction_rad2 = self.object.rod().map(|_| covariance[(2, 2)] + covariance[(3, 3)]);
-        Some(ObjectBoundAt { covariance_m2: &slopes * covariance * slopes.transpose(), direction_rad2 })
+        let last = covariance.nrows() - 1;
+        let log_radius2 = covariance[(last, last)];
+        Some(ObjectBoundAt { covariance_m2: &slopes * covariance * slopes.transpose(), direction_rad2, log_radius2 })
     }
 }
 

@@ -100,6 +100,8 @@ pub struct SpatialTrialRow {
     /// Error of the last stated radius relative to the true one, positive if it is too large. `None` unless the solid is a sphere or
     /// a cylinder.
     pub radius_error: Option<f64>,
+    /// Bound of that error with an unknown object, at the instant of the radius.
+    pub radius_bound: Option<f64>,
     /// Whether the 95 % interval of that radius contains the true one: 1 or 0.
     pub radius_coverage: Option<f64>,
     /// Mean distance of the estimated points of the surface from the touched edge of a box, over the instants with a contact on one.
@@ -158,6 +160,8 @@ pub struct SpatialSummaryRow {
     pub direction_bound_rad: Option<f64>,
     /// RMS over the replays of the relative error of the radius.
     pub radius_error: Option<f64>,
+    /// RMS of the bound of the radius' relative error with an unknown object.
+    pub radius_bound: Option<f64>,
     /// Share of the replays whose 95 % interval of the radius contains the true one.
     pub radius_coverage: Option<f64>,
     /// Mean over the replays of the distance from the touched edge.
@@ -340,7 +344,8 @@ struct Sums {
     corner: (f64, usize),
     nees: Vec<f64>,
     last_nees: Option<f64>,
-    last_radius: Option<Radius>,
+    /// The last stated radius, and the bound of its variance relative to its square.
+    last_radius: Option<(Radius, Option<f64>)>,
 }
 
 impl Prepared {
@@ -392,6 +397,7 @@ impl Prepared {
         let of_bound =
             |sum: f64, count: usize| (count > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / count as f64).sqrt());
         let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
+        let radius_bound = sums.last_radius.and_then(|(_, bound)| bound).filter(|_| self.noise_sd_n_m > 0.0);
         let of_feature = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64);
         let sidecar = &self.trace.sidecar;
         let signals = || {
@@ -419,8 +425,9 @@ impl Prepared {
             normal_rad: rms(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
             direction_bound_rad: of_bound(sums.direction_bound, sums.rods),
-            radius_error: radius.map(|(stated, truth_m)| stated.radius_m / truth_m - 1.0),
-            radius_coverage: radius.map(|(stated, truth_m)| {
+            radius_error: radius.map(|((stated, _), truth_m)| stated.radius_m / truth_m - 1.0),
+            radius_bound: radius.and(radius_bound).map(f64::sqrt),
+            radius_coverage: radius.map(|((stated, _), truth_m)| {
                 f64::from((stated.radius_m - truth_m).powi(2) <= within[0] * stated.sd_m.powi(2))
             }),
             edge_m: of_feature(sums.edge),
@@ -471,7 +478,7 @@ impl Prepared {
                 (sum.0, sum.1) = (sum.0 + error_m, sum.1 + 1);
             }
         }
-        sums.last_radius = estimate.radius;
+        sums.last_radius = estimate.radius.map(|radius| (radius, bound.object.map(|object| object.log_radius2)));
         sums.normal += normal.angle(&estimate.normal).powi(2);
         if let (Some(rod), Some(found)) = (self.object.as_ref().and_then(TrueObject::rod), estimate.direction) {
             // The direction of an edge has no sign.
@@ -516,6 +523,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_bound_rad: mean(|trial| trial.direction_bound_rad.map(|angle| angle * angle)).map(f64::sqrt),
             radius_error: mean(|trial| trial.radius_error.map(|error| error * error)).map(f64::sqrt),
+            radius_bound: mean(|trial| trial.radius_bound.map(|bound| bound * bound)).map(f64::sqrt),
             radius_coverage: mean(|trial| trial.radius_coverage),
             edge_m: mean(|trial| trial.edge_m),
             corner_m: mean(|trial| trial.corner_m),
