@@ -267,12 +267,12 @@ impl Sweep<'_> {
         Some(reading.rotation * normal(self.predictor, self.root_m, &reading.to_sensor(place))?)
     }
 
-    /// Improves the contacts of consecutive rows: by the Gauss-Newton method, which holds the normals in each step, while a contact is
-    /// followed, and by the Levenberg-Marquardt method in the batch. `is_tied` holds the first contact.
+    /// Refines the contacts of consecutive rows. While a contact is followed, the method is that of Gauss and Newton with the normals held
+    /// in each step; in the batch, that of Levenberg and Marquardt. If `is_tied`, the first contact is held.
     fn solve(&self, rows: &[Reading], places: &mut [Vector3<f64>], iterations: usize, is_tied: bool) {
-        /// Decrease of the cost, and norm of a step (m), at which a search has converged.
+        /// Decrease of the cost, and norm of a step (m), below which a search has converged.
         const LEAST_GAIN: f64 = 0.5e-3;
-        const LEAST_STEP_M: f64 = 1e-8;
+        const LEAST_STEP_M: f64 = 1e-6;
         let method = match self.stage {
             Stage::Following => Method::GaussNewton,
             Stage::Batch => Method::LevenbergMarquardt(Damping::MARQUARDT),
@@ -280,12 +280,12 @@ impl Sweep<'_> {
         let settings =
             least_squares::Settings { method, iterations, absolute: LEAST_GAIN, relative: 0.0, step: LEAST_STEP_M };
         let start = self.approximated(rows, places.to_vec());
-        if let Some(found) = minimise(&Touch { sweep: self, rows, is_tied }, start, &settings) {
+        if let Some(found) = minimise(&Part { sweep: self, rows, is_tied }, start, &settings) {
             places.copy_from_slice(&found.state.places_m);
         }
     }
 
-    /// Cost of contacts, half the sum of the squared errors, with its approximation about them.
+    /// Contacts with their cost, half the sum of squared and robust errors, and its quadratic approximation.
     fn approximated(&self, rows: &[Reading], places_m: Vec<Vector3<f64>>) -> Approximated {
         /// Squared normalised residual at which a reading counts as outlier, and change of the motion, in standard deviations,
         /// beyond which its weight decreases.
@@ -366,14 +366,14 @@ impl Sweep<'_> {
 }
 
 /// Rows of a sweep that are solved together.
-struct Touch<'a> {
+struct Part<'a> {
     sweep: &'a Sweep<'a>,
     rows: &'a [Reading],
     /// Whether the first contact is held.
     is_tied: bool,
 }
 
-impl Moves for Touch<'_> {
+impl Moves for Part<'_> {
     type State = Approximated;
 
     fn moved(&self, at: &Approximated, step: &DVector<f64>) -> Option<Approximated> {
@@ -395,7 +395,7 @@ impl Moves for Touch<'_> {
     }
 }
 
-impl Problem for Touch<'_> {
+impl Problem for Part<'_> {
     fn approximate(&self, at: &Approximated) -> Option<Quadratic> {
         Some(at.quadratic.clone())
     }

@@ -1,4 +1,8 @@
-//! Order statistics, means and quantiles.
+//! Order statistics, means, quantiles and tails.
+
+use std::f64::consts::SQRT_2;
+
+use statrs::function::erf::erfc;
 
 pub use filters::quantile::{CHI2_2_95, CHI2_3_95, NORMAL_95};
 
@@ -74,6 +78,11 @@ pub fn effective_samples(values: &[f64], expectation: f64) -> Option<f64> {
     Some(if of_mean > 0.0 { (variance / of_mean).clamp(1.0, count) } else { count })
 }
 
+/// Probability that the size of a normally distributed quantity with zero mean and standard deviation `sd` exceeds `limit`.
+pub fn beyond(limit: f64, sd: f64) -> f64 {
+    erfc(limit / (sd * SQRT_2))
+}
+
 #[cfg(test)]
 mod tests {
     use rand::{RngExt, SeedableRng};
@@ -81,6 +90,11 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+
+    #[test]
+    fn val_five_percent_of_a_normal_distribution_lie_beyond_its_95_percent_quantile() {
+        assert!((beyond(2.0 * NORMAL_95, 2.0) - 0.05).abs() < 1e-9 && beyond(1.0, 0.0) == 0.0);
+    }
 
     #[test]
     fn val_quantiles() {

@@ -3,7 +3,7 @@
 
 use whisker::frames::{Base, Point};
 
-use super::{Contact, Metric, Scored, Summary};
+use super::{Contact, MOST_MISSING, Metric, Scored, Summary};
 use crate::statistics::{CHI2_2_95, effective_samples, mean, rms};
 
 /// Expectation of the NEES if the stated covariances are correct.
@@ -54,12 +54,12 @@ pub const STATED_RMSE: Metric = Metric {
     },
 };
 
-/// Residuals of the readings at the estimated contacts.
+/// Ratio of the residuals of the readings at the estimated contacts to those at the true ones.
 pub const RESIDUAL_RATIO: Metric = Metric {
     name: "residual_ratio",
-    about: "RMS residual of the readings at the estimated contacts over that at the true ones, after the first two seconds of \
-        contact in the calibrated domain; at most 1 if a method that fits one object to all readings explains them as well as the \
-        truth does (the contacts of filters follow the noise)",
+    about: "RMS residual of the readings at the estimated contacts over that at the true contacts, both predicted by the given \
+        calibration, after the first two seconds of contact and within the calibrated domain; at most 1 if a method that fits one \
+        object to all readings explains them at least as well as the true object does (estimates of filters follow the noise)",
     summary: Summary::Median,
     measure: |scored| {
         let (face, readings_n_m) = (scored.trial.face()?, scored.trial.readings_n_m);
@@ -69,7 +69,12 @@ pub const RESIDUAL_RATIO: Metric = Metric {
             let true_n_m = expected_n_m(scored.trial.true_contact(contact.row)?)?;
             Some((readings_n_m[contact.row] - found_n_m, readings_n_m[contact.row] - true_n_m))
         };
-        let (found_n_m, true_n_m): (Vec<f64>, Vec<f64>) = scored.steady().iter().filter_map(residuals_n_m).unzip();
+        let calibrated: Vec<&Contact> = scored.steady().iter().filter(|contact| contact.is_calibrated).collect();
+        let known: Vec<(f64, f64)> = calibrated.iter().filter_map(|contact| residuals_n_m(contact)).collect();
+        if (calibrated.len() - known.len()) as f64 > MOST_MISSING * calibrated.len() as f64 {
+            return None;
+        }
+        let (found_n_m, true_n_m): (Vec<f64>, Vec<f64>) = known.into_iter().unzip();
         Some(rms(&found_n_m)? / rms(&true_n_m)?)
     },
 };

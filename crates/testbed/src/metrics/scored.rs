@@ -17,7 +17,7 @@ pub const START_UP_S: f64 = 2.0;
 
 /// Largest fraction of missing estimates, of the contacts in the calibrated domain that a score counts, for which there is a score;
 /// more would bias it.
-const MOST_MISSING: f64 = 0.1;
+pub const MOST_MISSING: f64 = 0.1;
 
 /// Trial under one noise realisation: input of the estimators and ground truth.
 #[derive(Clone, Copy, Debug)]

@@ -13,7 +13,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{Role, SpatialSidecar, SpatialTrace};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
 use whisker::space::frames::Point;
-use whisker::space::sensor::{Around, CalibratedSpace};
+use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
 use super::object::TrueObject;
@@ -73,8 +73,8 @@ pub struct SpatialTrialRow {
     pub seed: u64,
     /// Standard deviation of the noise of each moment.
     pub noise_sd_n_m: f64,
-    /// Share of the instants whose true contact lies in the calibrated domain, at neither tip nor several places, with an estimate.
-    /// `None` if there is no such instant.
+    /// Share of the instants with an expected estimate that have one. An estimate is expected if the true contact lies in the calibrated
+    /// domain, not at the tip and not at several places. `None` if there is no such instant.
     pub answered: Option<f64>,
     /// RMS error of the contact, over all instants with an estimate.
     pub rmse_m: Option<f64>,
@@ -132,7 +132,7 @@ pub struct SpatialSummaryRow {
     pub estimator: String,
     /// Number of replays.
     pub trials: usize,
-    /// Mean share of the instants at which an estimate is expected with one.
+    /// Mean over the replays of the share of expected estimates that are given.
     pub answered: Option<f64>,
     /// RMS over the replays of their RMS error.
     pub rmse_m: Option<f64>,
@@ -398,6 +398,8 @@ impl Prepared {
             |sum: f64, count: usize| (count > 0 && self.noise_sd_n_m > 0.0).then(|| (sum / count as f64).sqrt());
         let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
         let radius_bound = sums.last_radius.and_then(|(_, bound)| bound).filter(|_| self.noise_sd_n_m > 0.0);
+        // The bound is that of object and wire together.
+        let of_both_m = self.object.as_ref().map_or(0.0, TrueObject::radius_m);
         let of_feature = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64);
         let sidecar = &self.trace.sidecar;
         let signals = || {
@@ -426,7 +428,7 @@ impl Prepared {
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
             direction_bound_rad: of_bound(sums.direction_bound, sums.rods),
             radius_error: radius.map(|((stated, _), truth_m)| stated.radius_m / truth_m - 1.0),
-            radius_bound: radius.and(radius_bound).map(f64::sqrt),
+            radius_bound: radius.zip(radius_bound).map(|((_, truth_m), bound)| bound.sqrt() * of_both_m / truth_m),
             radius_coverage: radius.map(|((stated, _), truth_m)| {
                 f64::from((stated.radius_m - truth_m).powi(2) <= within[0] * stated.sd_m.powi(2))
             }),
@@ -448,7 +450,7 @@ impl Prepared {
         let (known, truth) = (&self.trace.recording.instants[i], &self.trace.truth.instants[i]);
         truth.contact.is_some_and(|contact| {
             let at = to_base(&known.base).apply(Point::from_vector(contact.contact));
-            !contact.tip && !contact.split && self.calibrated.domain.contains(Around::of(&self.calibrated.rest, at))
+            !contact.tip && !contact.split && self.calibrated.domain.contains(self.calibrated.around(at))
         })
     }
 

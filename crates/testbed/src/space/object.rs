@@ -47,6 +47,14 @@ impl TrueObject {
         }
     }
 
+    /// Radius of object and wire together (m).
+    pub fn radius_m(&self) -> f64 {
+        match self {
+            Self::Rod(rod) => rod.radius_m,
+            Self::Sphere { radius_m } => *radius_m,
+        }
+    }
+
     /// The rod or edge. `None` for a sphere.
     pub fn rod(&self) -> Option<&TrueRod> {
         match self {

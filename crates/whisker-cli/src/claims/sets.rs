@@ -91,7 +91,7 @@ pub(super) fn doubt_found(sets: Vec<Set<'_>>) -> Option<f64> {
 }
 
 /// Mean normalised innovation squared of the sets in which `model_doubtful` must be raised, over that of the sets that are not
-/// overconfident. At most 1 if no test of the innovations can tell them apart.
+/// overconfident. At most 1 if the innovations of the former are no larger.
 pub(super) fn nis_of_missed(sets: &[Set<'_>]) -> Option<f64> {
     let nis_of = |counts: fn(&Set<'_>) -> bool| {
         mean(sets.iter().filter(|set| counts(set)).filter_map(|set| set.mean(&consistency::NIS)))

@@ -165,7 +165,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &ROUND,
         id: "radius_bound",
-        what: "posterior Cramer-Rao bound of that error with an unknown object, a property of the scenes",
+        what: "posterior Cramer-Rao bound of the relative error of the radius with an unknown object, a property of the scenes",
         relation: Relation::AtMost,
         bound: 5.0,
         unit: "%",
@@ -174,7 +174,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &ROUND,
         id: "radius_over_bound",
-        what: "root mean square error of the last radius, over its posterior Cramer-Rao bound",
+        what: "root mean square relative error of the last radius, over its posterior Cramer-Rao bound",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
@@ -197,15 +197,6 @@ const SCORES: &[Score] = &[
         bound: 0.2,
         unit: "mm",
         of: |row| millimetres(row.edge_m),
-    },
-    Score {
-        groups: &["box"],
-        id: "corner",
-        what: "mean distance of the estimated points of the surface from the touched corner",
-        relation: Relation::AtMost,
-        bound: 0.2,
-        unit: "mm",
-        of: |row| millimetres(row.corner_m),
     },
 ];
 

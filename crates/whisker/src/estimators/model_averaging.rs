@@ -307,7 +307,8 @@ struct Part<'a> {
     considered: bool,
 }
 
-/// Whether the signal that the object moves is raised at a probability of a moving object, after it was or was not.
+/// Whether the signal that the object moves is raised at the probability `share` of a moving object. The threshold is lower if it was
+/// raised before.
 fn signals_motion(was_raised: bool, share: f64) -> bool {
     share > if was_raised { NO_LONGER_MOVING_SHARE } else { MOVING_SHARE }
 }
