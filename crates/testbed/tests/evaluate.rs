@@ -266,7 +266,7 @@ fn verif_residuals_at_the_estimates_are_compared_with_those_at_the_truth() {
     trace.sidecar.csv_sha256 = sha256(trace.to_csv());
     trace.write(traces.path()).unwrap();
     let dataset = Dataset::open(traces.path(), None).unwrap().only(&["pin".into()]);
-    let gain = Miscalibration { gain: 0.05, ..Miscalibration::default() };
+    let gain = Miscalibration { gain: 0.01, ..Miscalibration::default() };
     let settings =
         EvaluateSettings { miscalibrations: vec![Miscalibration::default(), gain], ..settings(results.path()) };
     let evaluated = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
