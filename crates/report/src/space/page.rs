@@ -27,7 +27,7 @@ impl Column {
         (self.value)(row).map(|value| format!("{value:.*}", self.decimals))
     }
 
-    /// The smallest value of the rows that answer at all instants, as printed. `None` if all rows print the same.
+    /// The smallest value of the rows that answer wherever an estimate is expected, as printed. `None` if all rows print the same.
     fn best(&self, rows: &[&SpatialSummaryRow]) -> Option<String> {
         let ranked = rows.iter().filter(|row| self.is_ranked && row.answered == Some(1.0));
         let values = ranked.filter_map(|row| Some(((self.value)(row)?, self.printed(row)?)));
@@ -183,7 +183,7 @@ pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
 fn summary(data: &Data) -> Markup {
     html! {
         p {
-            "The best value of each block and column is " b.best { "marked" } " among the estimators that answer at every instant. "
+            "The best value of each block and column is " b.best { "marked" } " among the estimators that answer wherever an estimate is expected. "
             "As data: "
             @for file in ["space_summary.csv", "space_trials.csv", "space_maps.csv"] { a href=(file) { (file) } " " }
         }
