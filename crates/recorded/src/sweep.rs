@@ -385,11 +385,13 @@ impl Moves for Part<'_> {
     fn step(&self, approximation: &Quadratic, damping: f64) -> Option<DVector<f64>> {
         const MOST_M: f64 = 2e-3;
         const HELD: f64 = 1e9;
-        let mut held = approximation.clone();
-        for i in 0..if self.is_tied { 3 } else { 0 } {
-            held.curvature[(i, i)] *= HELD;
-        }
-        let step = held.damped_step(damping)?;
+        let step = if self.is_tied {
+            let mut held = approximation.clone();
+            (0..3).for_each(|i| held.curvature[(i, i)] *= HELD);
+            held.damped_step(damping)?
+        } else {
+            approximation.damped_step(damping)?
+        };
         let share = MOST_M / step.amax().max(MOST_M);
         Some(step * share)
     }

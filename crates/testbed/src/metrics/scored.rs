@@ -174,11 +174,10 @@ impl<'a> Scored<'a> {
         let touch_s = first_touch_s(trial.trace)?;
         let mut contacts = Vec::new();
         for (row, (known, truth)) in recording.instants.iter().zip(&truth.instants).enumerate() {
-            let Some(contact) = truth.contact else { continue };
+            let Some(seen) = trial.true_contact(row) else { continue };
             if truth.split == Some(true) {
                 continue;
             }
-            let seen = known.base.inverse().apply(contact);
             let estimate = estimates[row].as_ref();
             contacts.push(Contact {
                 row,

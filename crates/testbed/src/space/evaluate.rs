@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
-use trace::{Role, SpatialSidecar, SpatialTrace};
+use trace::{Role, SpatialInstant, SpatialSidecar, SpatialTrace, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
@@ -230,6 +230,8 @@ struct Prepared {
     calibrated: Arc<CalibratedSpace>,
     noise_sd_n_m: f64,
     bound: Vec<Option<SpatialBoundAt>>,
+    /// Whether an estimate is expected at each instant.
+    expected: Vec<bool>,
     object: Option<TrueObject>,
     solid: Option<Solid>,
 }
@@ -314,9 +316,23 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
         let object = TrueObject::of(&trace, solid.as_ref());
         let bound = bound(&trace, &calibrated, object.as_ref(), noise_sd_n_m);
-        Prepared { calibrated, noise_sd_n_m, bound, object, solid, trace }
+        let expected = expected(&trace, &calibrated);
+        Prepared { calibrated, noise_sd_n_m, bound, expected, object, solid, trace }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
+}
+
+/// Whether an estimate is expected at each instant: whether the true contact lies in the calibrated domain, not at the tip and not at
+/// several places.
+fn expected(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> Vec<bool> {
+    let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
+    let is_expected = |(known, truth): (&SpatialInstant, &SpatialTruthInstant)| {
+        truth.contact.as_ref().is_some_and(|contact| {
+            let at = calibrated.around(to_base(&known.base).apply(Point::from_vector(contact.contact)));
+            !contact.tip && !contact.split && calibrated.domain.contains(at)
+        })
+    };
+    instants.map(is_expected).collect()
 }
 
 /// Sums of squared errors over a replay.
@@ -374,7 +390,7 @@ impl Prepared {
         let mut sums = Sums::default();
         for (i, bound) in self.bound.iter().enumerate() {
             if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
-                if self.is_expected(i) {
+                if self.expected[i] {
                     sums.expected += 1;
                     sums.expected_answered += usize::from(replayed.estimates[i].is_some());
                 }
@@ -442,16 +458,6 @@ impl Prepared {
         };
         let failed = |reason| FailureRow { trace: trace.clone(), estimator: Some(name.into()), noise, seed, reason };
         Ok(Scored { trial: scores, steps_us: replayed.steps_us, failure: replayed.failure.map(failed) })
-    }
-
-    /// Whether the true contact lies in the calibrated domain and at neither tip nor several places, so that an estimate can be
-    /// expected.
-    fn is_expected(&self, i: usize) -> bool {
-        let (known, truth) = (&self.trace.recording.instants[i], &self.trace.truth.instants[i]);
-        truth.contact.is_some_and(|contact| {
-            let at = to_base(&known.base).apply(Point::from_vector(contact.contact));
-            !contact.tip && !contact.split && self.calibrated.domain.contains(self.calibrated.around(at))
-        })
     }
 
     fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
