@@ -140,10 +140,16 @@ impl Sidecar {
         stated.unwrap_or_else(|| ObjectClass::of_shape(&self.object))
     }
 
+    /// Constant velocity of the object in World (m/s), zero for an object at rest. `None` if it is stated as anything but two numbers.
+    pub fn object_velocity_m_s(&self) -> Option<[f64; 2]> {
+        let Some(velocity_m_s) = self.scene.get("object_velocity_m_s") else { return Some([0.0; 2]) };
+        let [x_m_s, y_m_s] = velocity_m_s.as_array()?.as_slice() else { return None };
+        Some([x_m_s.as_f64()?, y_m_s.as_f64()?])
+    }
+
     /// Whether the object is at rest throughout the trace.
     pub fn is_object_at_rest(&self) -> bool {
-        let velocity_m_s = self.scene.get("object_velocity_m_s").and_then(Value::as_array);
-        velocity_m_s.is_none_or(|velocity_m_s| velocity_m_s.iter().all(|along| along.as_f64() == Some(0.0)))
+        self.object_velocity_m_s() == Some([0.0; 2])
     }
 
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.

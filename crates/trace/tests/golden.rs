@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::sha256;
-use trace::Trace;
+use serde_json::json;
+use trace::{Sidecar, Trace};
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden")
@@ -51,6 +52,16 @@ fn val_golden_traces_are_physically_consistent() {
         }
         assert!(touching > 100, "{name} touches {touching} times");
     }
+}
+
+#[test]
+fn verif_an_object_rests_unless_its_velocity_is_stated() {
+    let mut sidecar = Sidecar::read(&golden().join("golden_pin.json")).unwrap();
+    assert!(sidecar.object_velocity_m_s() == Some([0.0; 2]) && sidecar.is_object_at_rest());
+    sidecar.scene["object_velocity_m_s"] = json!([1e-3, -2e-3]);
+    assert!(sidecar.object_velocity_m_s() == Some([1e-3, -2e-3]) && !sidecar.is_object_at_rest());
+    sidecar.scene["object_velocity_m_s"] = json!([1e-3]);
+    assert!(sidecar.object_velocity_m_s().is_none() && !sidecar.is_object_at_rest());
 }
 
 #[test]

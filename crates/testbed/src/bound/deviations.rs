@@ -13,9 +13,9 @@
 //! | latency | `g . dp/dt` of the resting contact |
 //!
 //! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
-//! outline has its direction, which scaling does not change, a contact that has moved by `m` since the touch moves by `m` per
-//! unit of `ln s`. If the object moves uniformly with an unknown velocity, with a prior of its own, a contact has
-//! moved by `v t` at the time `t` after the touch.
+//! outline has its direction, which scaling does not change, a contact that has moved by `m` over the object since the touch moves
+//! by `m` per unit of `ln s`. If the object moves uniformly with an unknown velocity `v`, with a prior of its own, a contact has
+//! moved by `v t` more at the time `t` after the touch.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -123,7 +123,7 @@ pub(super) struct Joint {
 pub(super) struct JointReading {
     /// Derivative by the contact in World.
     pub(super) by_contact: Vector2<f64>,
-    /// Displacement of the contact in World since the touch, and the time.
+    /// Displacement of the contact over the object since the touch, in World, and the time.
     pub(super) moved_m: Vector2<f64>,
     pub(super) since_touch_s: f64,
     /// Derivatives by the deviations.
@@ -170,7 +170,7 @@ impl Joint {
         self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
-    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` in the time since the touch.
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` over the object in the time since the touch.
     pub(super) fn sd_m(&self, moved_m: Vector2<f64>, since_touch_s: f64) -> f64 {
         let slope = |axis: usize| {
             let mut slope = SVector::<f64, STATES>::zeros();
@@ -290,5 +290,37 @@ mod tests {
         };
         let (rests_m, moves_m) = (end_m(Joint::new(&deviations, 0.0)), end_m(Joint::new(&deviations, 0.0).moving()));
         assert!((moves_m / rests_m - 2.0).abs() < 0.01, "{moves_m} {rests_m}");
+    }
+    /// A contact that slides to and fro over an object of unknown size, read in both directions: neither the size nor the velocity has
+    /// the effect of the other, so that with both unknown the bound is larger than with either.
+    #[test]
+    fn verif_an_unknown_size_raises_the_bound_of_a_moving_object() {
+        let exact = Miscalibration::default();
+        let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: 5e-5 };
+        let moved_m = |since_touch_s: f64| Vector2::new(3e-3 * (2.0 * since_touch_s).sin(), 0.0);
+        let end_m = |mut joint: Joint| {
+            joint.touch(&(Matrix2::identity() * 1e-4));
+            for i in 0..100 {
+                let since_touch_s = f64::from(i) / 100.0;
+                for by_contact in [Vector2::x(), Vector2::y()] {
+                    joint.update(&JointReading {
+                        by_contact,
+                        moved_m: moved_m(since_touch_s),
+                        since_touch_s,
+                        by_deviations: [0.0; COUNT],
+                        variance_n2_m2: 1e-8,
+                    });
+                }
+            }
+            joint.sd_m(moved_m(0.99), 0.99)
+        };
+        let of_size = size_variance("circle");
+        let [moving_m, unsized_m, both_m] = [
+            Joint::new(&deviations, 0.0).moving(),
+            Joint::new(&deviations, of_size),
+            Joint::new(&deviations, of_size).moving(),
+        ]
+        .map(end_m);
+        assert!(both_m > 1.01 * moving_m.max(unsized_m), "{moving_m} {unsized_m} {both_m}");
     }
 }

@@ -60,7 +60,7 @@ pub struct BoundAt {
     pub deviating_sd_m: f64,
     /// The same if the size of the object is unknown as well.
     pub unsized_sd_m: f64,
-    /// The bound of [`Self::deviating_sd_m`] for an object that moves uniformly with an unknown velocity; the same if it is at rest.
+    /// The same if the object moves uniformly with an unknown velocity as well; that of [`Self::unsized_sd_m`] if it is at rest.
     pub moving_sd_m: f64,
     /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
@@ -106,8 +106,8 @@ impl TraceBound {
         Some(Self { instants })
     }
 
-    /// The bound with the unknown deviations and size of the trial, for the trace, face and noise of [`Self::new`]:
-    /// [`BoundAt::deviating_sd_m`] and [`BoundAt::unsized_sd_m`].
+    /// The bound with the unknown deviations, size and velocity of the trial, for the trace, face and noise of [`Self::new`]:
+    /// [`BoundAt::deviating_sd_m`], [`BoundAt::unsized_sd_m`] and [`BoundAt::moving_sd_m`].
     #[must_use]
     pub fn with_deviations(
         mut self,
@@ -120,9 +120,10 @@ impl TraceBound {
         let instants = &trace.recording.instants;
         let start_s = instants.first().map_or(0.0, |first| first.t_s);
         let of_size = size_variance(&trace.sidecar.object);
-        let moving = Joint::new(deviations, 0.0);
-        let moving = if trace.sidecar.is_object_at_rest() { moving } else { moving.moving() };
-        let mut joints = [Joint::new(deviations, 0.0), Joint::new(deviations, of_size), moving];
+        let object_m_s = Vector2::from(trace.sidecar.object_velocity_m_s().unwrap_or_default());
+        let resting = Joint::new(deviations, of_size);
+        let moving = if trace.sidecar.is_object_at_rest() { resting.clone() } else { resting.clone().moving() };
+        let mut joints = [Joint::new(deviations, 0.0), resting, moving];
         let mut touched = Vector2::zeros();
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
@@ -132,7 +133,8 @@ impl TraceBound {
                 touched = at.vector();
                 joints.iter_mut().for_each(|joint| joint.touch(&prior_m2(face, &known.base, seen)));
             }
-            let moved_m = at.vector() - touched;
+            // Displacement over the object.
+            let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s;
             let is_plain = truth.tip != Some(true) && truth.split != Some(true);
             if let Some(expected) = face.predict(seen).filter(|_| is_plain) {
                 let [before, after] =

@@ -35,7 +35,7 @@ pub const UNSIZED_RMSE: Metric = Metric {
 /// Bound for an unknown velocity.
 pub const MOVING_RMSE: Metric = Metric {
     name: "moving_bound_rmse_m",
-    about: "deviating_bound_rmse_m for an object that moves uniformly with an unknown velocity",
+    about: "unsized_bound_rmse_m for an object that moves uniformly with an unknown velocity",
     summary: Summary::Median,
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.moving_sd_m).collect::<Vec<f64>>()),
 };

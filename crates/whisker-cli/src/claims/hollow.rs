@@ -1,7 +1,8 @@
 //! Objects that are not convex, and objects that move: outlines, second contacts, and doubt.
 
-use testbed::metrics::{consistency, contour, doubt, error, second};
+use testbed::metrics::{bound, consistency, contour, doubt, error, second};
 use testbed::results::TrialRow;
+use testbed::statistics::{beyond, mean};
 
 use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
 
@@ -21,6 +22,9 @@ const MOVING: [(&str, &str); 6] = [
     ("circle_2p0", "circle at 2 mm/s"),
 ];
 
+/// Those at which also an estimator at the bound is often less accurate.
+const FASTEST: [(&str, &str); 2] = [MOVING[2], MOVING[5]];
+
 /// Largest error of an accurate contact on a moving object, and time within which the other trials must be in doubt.
 pub(super) const ACCURATE_M: f64 = 0.3e-3;
 const DOUBT_WITHIN_S: f64 = 0.5;
@@ -28,6 +32,8 @@ const DOUBT_WITHIN_S: f64 = 0.5;
 pub(super) fn claims() -> Vec<Claim> {
     let outlines = HOLLOW.into_iter().flat_map(|object| WHISKERS.map(|whisker| outlines(object, whisker))).flatten();
     let moving = MOVING.into_iter().flat_map(|object| WHISKERS.map(|whisker| accurate_or_in_doubt(object, whisker)));
+    let expected =
+        FASTEST.into_iter().flat_map(|object| WHISKERS.map(|whisker| expected_to_be_accurate(object, whisker)));
     let covered = |context: &Context| Ok(percent(of_hollow(context), &consistency::COVERAGE));
     let ellipses = about("objects that are not convex: stated 95 % ellipses that hold the truth, mean over trials");
     let others = [
@@ -57,7 +63,7 @@ pub(super) fn claims() -> Vec<Claim> {
             |context| Ok(percent(of_hollow(context), &second::PRECISION)),
         ),
     ];
-    outlines.chain(moving).chain(others).collect()
+    outlines.chain(moving).chain(expected).chain(others).collect()
 }
 
 fn about(what: &str) -> String {
@@ -109,6 +115,30 @@ fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: 
             let group = format!("moving_{object}");
             let share = context.run(RUN).share(&group, whisker, RECOMMENDED, is_accurate_or_in_doubt);
             Ok(share.map(|share| 100.0 * share))
+        },
+    )
+}
+
+/// Share (%) of the trials in which an error whose mean square is the bound with unknown velocity, size and deviations is accurate, if it
+/// is one displacement per trial, with a normal distribution.
+pub(super) fn expected_accurate<'a>(trials: impl Iterator<Item = &'a TrialRow>) -> Option<f64> {
+    let bounds = trials.filter_map(|trial| trial.get(&bound::MOVING_RMSE));
+    mean(bounds.map(|bound_m| 100.0 * (1.0 - beyond(ACCURATE_M, bound_m))))
+}
+
+/// The share of accurate trials at the bound.
+fn expected_to_be_accurate((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
+    Claim::at_least(
+        format!("moving_{object}_{whisker}_expected"),
+        format!(
+            "suite {RUN}: {words}, {whisker} whisker: trials in which the RMSE of an estimator at the bound with unknown velocity and \
+             size is at most 0.3 mm"
+        ),
+        90.0,
+        "%",
+        move |context| {
+            let group = format!("moving_{object}");
+            Ok(expected_accurate(context.run(RUN).trials_of(&group, whisker, RECOMMENDED)))
         },
     )
 }
