@@ -22,21 +22,25 @@
 //! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up. If
 //! they do neither for a second, there are estimates, with a covariance that includes the innovations.
 
+mod config;
+mod evidence;
+mod mode;
+mod present;
 mod readings;
 mod search;
 
-use filters::{Gaussian, Innovation};
-use nalgebra::{Matrix3, SMatrix, SVector};
-use serde::{Deserialize, Serialize};
+use filters::Gaussian;
 
-use super::follower::{self, Follower, Tracker, Unrest};
-use super::motion::{Fitted, Motion, MotionSettings, Object, Place, Resting, Shape, TILT, TILT_S, moved};
+pub(super) use self::config::Config;
+use self::evidence::LogEvidence;
+use self::mode::Mode;
+use super::follower::{Follower, Tracker, Unrest};
+use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, TILT};
 use super::ringing::Ringing;
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::{DoubtSettings, Doubtful};
 use crate::frames::{Base, Start};
-use crate::settings::{Settings, SettingsError, within};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 use readings::{Mean, Readings};
@@ -49,10 +53,6 @@ const AWAY_SD_M: f64 = 5e-3;
 const PLACES: usize = 2;
 const PLACE_SHARE: f64 = 0.1;
 
-/// Factor of the contact's distance from the undeflected whisker above which the reference pose is renewed: near the undeflected
-/// whisker the direction of the force is uncertain.
-const FARTHER: f64 = 1.5;
-
 /// Largest squared distance of two modes, in their covariance, at which they are the same.
 const SAME: f64 = 1.0;
 
@@ -61,10 +61,6 @@ const CONTRADICTED: f64 = 2.0;
 
 /// Time after which a contradicted object is in doubt (s). While the means are few, a search from another start has ended by then.
 const DOUBTED_S: f64 = 0.2;
-
-/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those
-/// of a wrong model are not independent. Chosen on random scenes in space that are not reported.
-const EXCESS_POWER: i32 = 3;
 
 /// Largest cost of a mode found from another start, relative to the least cost of the others, at which it is accepted.
 const BETTER: f64 = 0.5;
@@ -92,86 +88,6 @@ const UNDECIDED_S: f64 = 1.0;
 
 /// Time after the first readings of a fit (s) in which they do not count: the modes are still searched.
 const SETTLED_S: f64 = 0.5;
-
-/// Settings of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Config {
-    /// Model of the contact's motion. A contact at rest is filtered, not fitted.
-    pub(super) motion: MotionSettings,
-    /// Number of initial hypotheses along the whisker.
-    pub(super) hypotheses: usize,
-    /// Time since the touch after which the fit begins.
-    pub(super) start_s: f64,
-    /// Largest number of modes at the start, and after the first searches.
-    pub(super) modes: usize,
-    pub(super) kept_modes: usize,
-    /// Weight of a mode, relative to the heaviest, below which it is dropped.
-    pub(super) prune_share: f64,
-    /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
-    pub(super) gate_sds: f64,
-    /// Evaluations of the whisker's geometry per sample after which the searches pause, which bound the time of a step but for the
-    /// mean in progress. More in proportion if samples are more than 4 ms apart, so that a search takes the same time at low rates.
-    pub(super) evaluations_per_step: usize,
-    /// Standard deviation of the contact for deviations of the object from its model.
-    pub(super) deviation_m: f64,
-}
-
-impl Config {
-    /// Start and work of the searches were chosen on random scenes in space that are not reported.
-    pub(super) fn new(motion: MotionSettings) -> Self {
-        Self {
-            motion,
-            hypotheses: 8,
-            start_s: 0.3,
-            modes: 8,
-            kept_modes: 3,
-            prune_share: 1e-2,
-            gate_sds: 5.0,
-            evaluations_per_step: 52,
-            deviation_m: 5e-6,
-        }
-    }
-}
-
-impl Config {
-    /// Settings of the filter with which a touch begins.
-    pub(super) fn filter(&self, motion: MotionSettings) -> follower::Config {
-        follower::Config { hypotheses: self.hypotheses, ..follower::Config::new(motion) }
-    }
-}
-
-impl Settings for Config {
-    fn validate(&self) -> Result<(), SettingsError> {
-        within("start_s", self.start_s, 0.0..=1e3)?;
-        within("modes", self.modes as f64, 1.0..=100.0)?;
-        within("kept_modes", self.kept_modes as f64, 1.0..=100.0)?;
-        within("prune_share", self.prune_share, 0.0..=0.5)?;
-        within("gate_sds", self.gate_sds, 1.0..=1e6)?;
-        within("evaluations_per_step", self.evaluations_per_step as f64, 1.0..=1e5)?;
-        within("deviation_m", self.deviation_m, 0.0..=0.1)?;
-        self.filter(self.motion).validate()
-    }
-}
-
-/// An object that explains the readings.
-#[derive(Clone, Copy)]
-struct Mode<Body, const N: usize> {
-    /// Pose of the base that the state belongs to.
-    reference: Pose<Base, Start>,
-    prior: Prior<N>,
-    about: Fitted<Body, N>,
-    covariance: SMatrix<f64, N, N>,
-    /// Cost per mean relative to its expectation, at least 1.
-    excess: f64,
-    log_weight: f64,
-    /// The contact at the present instant, without tilt.
-    near: Around,
-    /// Mean (rad) and variance of the tilt at the present instant.
-    tilt: (f64, f64),
-    /// Angular frequency of the wire's oscillation along the object.
-    oscillation_rad_s: f64,
-}
 
 /// Searches of all modes on the same means.
 struct Round<Body, const N: usize> {
@@ -231,41 +147,6 @@ enum Earlier {
     Confirmed,
     /// Another object is touched.
     Contradicted,
-}
-
-/// Logarithm of the evidence of the model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct LogEvidence {
-    /// That of all modes in the last round. `None` before the first has ended.
-    round: Option<f64>,
-    /// That of the readings since the means of that round were taken.
-    since: f64,
-    /// That of the readings before the fit began anew. `None` if it never did.
-    before: Option<f64>,
-}
-
-impl LogEvidence {
-    /// That of all readings. A fit that began anew is one of two objects, one after the other, and has the evidence of both.
-    fn total(&self) -> Option<f64> {
-        match self.round {
-            Some(round) => Some(self.before.unwrap_or(0.0) + round + self.since),
-            None => self.before,
-        }
-    }
-
-    /// That after a round, `since` whose means were taken the readings have another. If the round has none, that of the readings
-    /// since the last one still counts.
-    fn after(&self, round: Option<f64>, since: f64) -> Self {
-        match round {
-            Some(_) => Self { round, since, ..*self },
-            None => *self,
-        }
-    }
-
-    /// That of a fit which begins anew.
-    fn anew(&self) -> Self {
-        Self { before: self.total(), ..Self::default() }
-    }
 }
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
@@ -470,72 +351,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(most + total.ln() + means as f64)
     }
 
-    /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
-    fn present(&self, mode: &mut Mode<Model::Object, N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
-        let (side, model) = (&self.side, &self.model);
-        let motion = mode.reference.then(&self.base.inverse());
-        let object = mode.about.object(&motion);
-        let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
-        let place = found.0;
-        mode.near = place.at;
-        // The entries about the object hardly change from pose to pose.
-        let mut slopes = SMatrix::<f64, N, N>::identity();
-        let (of_contact, of_tilt, here) = mode.about.contact_slopes(model, &motion, &found);
-        slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
-        slopes[(TILT, TILT)] = 0.0;
-        // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
-        // the method of least squares", Physical Review 40, 1932).
-        let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess;
-        for i in 0..3 {
-            covariance[(i, i)] += self.config.deviation_m.powi(2);
-        }
-        let mut by_tilt = SVector::<f64, N>::zeros();
-        by_tilt.fixed_rows_mut::<3>(0).copy_from(&of_tilt);
-        by_tilt[TILT] = 1.0;
-
-        let contact = (&place, &found.1, &here);
-        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, &self.ringing.response());
-        // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
-        let decay = (-sample.dt_s / TILT_S).exp();
-        let variance = inertial.sd_rad().powi(2);
-        let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
-        mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
-        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial.rad;
-        let at = Around::of_state(&(state + by_tilt * tilt_rad));
-        let expected = side.expect(at);
-        let by_contact = expected.slopes;
-        let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
-        let of_contact: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let spread = by_contact * of_contact * by_contact.transpose()
-            + by_reading * by_reading.transpose() * tilt_rad2
-            + expected.covariance_n2_m2()
-            + side.noise_of_mean_n2_m2(1.0);
-        let innovation = Innovation::of(sample.reading_n_m - expected.reading_n_m, spread)?;
-        let gain = spread.try_inverse()? * by_reading * tilt_rad2;
-        let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
-        mode.tilt =
-            (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
-        covariance *= further_factor(mode.excess, self.slipped.mean_nis());
-        covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
-        Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
-    }
-
-    /// Evidence of a reading: the logarithm of its likelihood, `-nis / 2 - ln det S / 2` up to a constant, relative to the expected
-    /// one under the covariance of a known contact, `-1 - ln det R / 2` up to the same constant.
-    fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
-        let known = self.side.covariance_n2_m2(Around::of_state(&belief.mean));
-        let spread = (innovation.covariance.determinant() / known.determinant()).ln();
-        1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread
-    }
-
-    /// Adds the evidence of a reading.
-    fn count(&mut self, evidence: f64) {
-        self.log_evidence.since += evidence;
-        if let Some(round) = &mut self.round {
-            round.since += evidence;
-        }
-    }
-
     /// Takes the acceleration of the base.
     fn accelerate(&mut self, sample: &Sample) {
         self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
@@ -556,66 +371,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         if let Some(rad_s) = rad_s {
             self.ringing.set_frequency(rad_s);
         }
-    }
-
-    /// The estimate of the modes.
-    fn together(&mut self, sample: &Sample) -> Option<Estimate> {
-        let mut modes = std::mem::take(&mut self.modes);
-        let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
-            .iter_mut()
-            .filter(|mode| !mode.is_new())
-            .filter_map(|mode| {
-                let (belief, innovation) = self.present(mode, sample)?;
-                Some((belief, innovation, mode.log_weight.exp()))
-            })
-            .filter(|(belief, ..)| belief.is_finite())
-            .collect();
-        self.modes = modes;
-        // After a gap, one failed search is not enough.
-        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
-        if beliefs.is_empty() {
-            // Without a contact there, the object explains no reading.
-            self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
-        }
-        let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
-        for (belief, ..) in &mut beliefs {
-            self.model.align(&mut belief.mean, &likeliest.mean);
-        }
-        let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
-        self.slipped.advance(&SLIPPED, sample.dt_s, innovation);
-        if let Some(innovation) = &innovation {
-            self.count(self.evidence_of(innovation, &likeliest));
-        }
-        let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
-        let mut estimate = self.side.estimate(&belief, innovation)?;
-        self.model.describe(&self.side, &belief, &mut estimate);
-        Some(estimate)
-    }
-}
-
-/// Factor of the stated covariance of a mode relative to that of its innovations, which contains the excess once. The recent mean
-/// of the innovations includes those since the last round, which the excess does not.
-fn further_factor(excess: f64, recent_nis: f64) -> f64 {
-    (recent_nis / excess).max(1.0) * excess.powi(EXCESS_POWER - 1)
-}
-
-impl<Body: Object, const N: usize> Mode<Body, N> {
-    /// Whether it was never weighed against the others.
-    fn is_new(&self) -> bool {
-        self.log_weight == f64::NEG_INFINITY
-    }
-
-    /// Refers the state to the present pose of the base if the whisker is deflected farther there.
-    fn renew<Model: Shape<N, Object = Body>>(&mut self, side: &Side, model: &Model, base: &Pose<Base, Start>) {
-        if self.near.away_m() < FARTHER * Around::of_state(&self.about.x).away_m() {
-            return;
-        }
-        let motion = self.reference.then(&base.inverse());
-        let Some((x, slopes)) = moved(side, model, &self.about.x, (&motion, 0.0), self.near) else { return };
-        let Some(about) = Fitted::new(side, model, &x) else { return };
-        (self.reference, self.about) = (*base, about);
-        self.covariance = slopes * self.covariance * slopes.transpose();
-        self.prior.mean.fixed_rows_mut::<3>(0).copy_from(&x.fixed_rows::<3>(0));
     }
 }
 
@@ -705,38 +460,5 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
 
     fn log_evidence(&self) -> Option<f64> {
         self.log_evidence.total()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn verif_the_covariance_grows_with_the_third_power_of_the_excess_or_with_recent_innovations() {
-        for (excess, recent_nis, factor) in [(1.0, 0.5, 1.0), (1.0, 3.0, 3.0), (4.0, 2.0, 64.0), (4.0, 8.0, 128.0)] {
-            assert_eq!(excess * further_factor(excess, recent_nis), factor);
-        }
-    }
-
-    #[test]
-    fn regress_a_round_without_a_solution_keeps_the_evidence_since_the_last_one() {
-        let first = LogEvidence::default().after(Some(-80.0), -2.0);
-        assert_eq!(first.total(), Some(-82.0));
-        let later = LogEvidence { since: -20.0, ..first };
-        assert_eq!(later.after(None, -5.0).total(), Some(-100.0));
-        assert_eq!(later.after(Some(-90.0), -5.0).total(), Some(-95.0));
-    }
-
-    #[test]
-    fn regress_a_fit_that_begins_anew_keeps_the_evidence_of_the_readings_before() {
-        let mut evidence = LogEvidence::default();
-        assert_eq!(evidence.total(), None);
-        (evidence.round, evidence.since) = (Some(-80.0), -20.0);
-        let mut anew = evidence.anew();
-        assert_eq!(anew.total(), Some(-100.0), "a model that lost the contact is not forgiven");
-        (anew.round, anew.since) = (Some(-5.0), 1.0);
-        assert_eq!(anew.total(), Some(-104.0));
-        assert_eq!(anew.anew().total(), Some(-104.0));
     }
 }

@@ -1,0 +1,353 @@
+//! Bayesian model averaging over several methods.
+//!
+//! Each candidate predicts every reading and so gives its likelihood, `N(y; 0, S)`. Prior and likelihood give the
+//! posterior probability of each candidate (Bayes' theorem; Kass and Raftery, "Bayes factors", JASA 90(430), 1995): a
+//! wrong model predicts poorly, an over-flexible one predicts diffusely. As long as the readings do not discriminate,
+//! the priors decide. The estimate is the mean and covariance of the mixture, not of the most probable candidate, so
+//! that the disagreement of probable candidates counts as uncertainty.
+//!
+//! A *considered* candidate, for example one that doubts the calibration, does not move the mean unless the evidence for it
+//! is large. Its belief is part of the covariance about the stated mean, so that a possible systematic
+//! error that the readings do not show counts as uncertainty and costs no accuracy. Its evidence against the others has a
+//! power of its own: innovations hardly depend on errors of the calibration, and models that are slightly wrong
+//! in the same way imitate them. For the mean, which needs a decision, the power is larger than for the covariance, and
+//! evidence below a threshold does not count.
+//!
+//! The stated variance of the sensor model's error is an upper bound that depends on the place. Where the innovations are smaller
+//! than stated, `ln det S` would favour the candidate whose contact has the smallest variance, whatever its residuals. In the
+//! evidence, `S` is therefore multiplied by the running mean of the mixture's normalised innovations squared, if this is below 1.
+//!
+//! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
+//! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
+//! readings that reject the others.
+
+mod config;
+mod evidence;
+mod mixture;
+mod onset;
+mod outline;
+mod second_contact;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use filters::imm::Modes;
+use nalgebra::{Matrix2, Vector2};
+use serde_json::Value;
+
+use self::config::Candidate;
+pub(super) use self::config::Config;
+use self::evidence::signals_motion;
+use super::block::{BlockMean, Blocks, Latecomers};
+use super::second::Second;
+use super::touched::TouchedPlaces;
+use super::{
+    Ahead, ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Sample, Touch, Tracker,
+    Undetected, estimator,
+};
+use crate::candidates::{refused, unknown};
+use crate::doubt::Doubtful;
+use crate::elastica::Elastica;
+use crate::frames::{Base, Point, Pose, Start};
+use crate::sensor::CalibratedFace;
+use crate::settings::{SettingsError, parse, with_defaults, within};
+
+/// The registry's row of a candidate, which must not average itself and must smooth if and only if `looks_back`.
+fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
+    let row = estimator(name).ok_or_else(|| unknown(name, ESTIMATORS.iter().map(|row| row.name)))?;
+    if (row.defaults)().get("candidates").is_some() {
+        return Err(refused(name, "a model average itself, expected a single method"));
+    }
+    if row.sensor_model.is_some() {
+        return Err(refused(name, "bound to its own sensor model, expected a method that uses the calibration's"));
+    }
+    match (row.class == MethodClass::Hindsight, looks_back) {
+        (true, false) => Err(refused(name, "a hindsight method, expected a recursive one")),
+        (false, true) => Err(refused(name, "a recursive method, expected a hindsight one")),
+        _ => Ok(row),
+    }
+}
+
+/// Averages methods whose estimates depend on the samples so far.
+pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    build(parse(config)?, knowledge, false)
+}
+
+/// Averages methods that smooth over the whole contact.
+pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    // Settings that are not given are those of hindsight.
+    let config = match config.as_object() {
+        Some(own) => parse::<Config>(&with_defaults(own, super::to_json(&Config::hindsight())))?,
+        None => parse(config)?,
+    };
+    // Revised estimates are those of single samples.
+    within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
+    build(config, knowledge, true)
+}
+
+fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
+    let candidate = |candidate: &Candidate| {
+        let row = row_of(&candidate.name, looks_back)?;
+        let settings = with_defaults(&candidate.settings, (row.defaults)());
+        Ok((row.name, (row.build)(&settings, knowledge)?))
+    };
+    let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
+    let noise_n2_m2 = knowledge.noise_sd_n_m.powi(2);
+    let elastica = Elastica::new(&knowledge.whisker).ok().map(Arc::new);
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, noise_n2_m2, elastica }))
+}
+
+/// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
+const LIKELY_MOVING_SHARE: f64 = 0.5;
+
+/// Names and methods of the candidates.
+type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
+
+struct ModelAveraging {
+    config: Arc<Config>,
+    methods: Methods,
+    noise_n2_m2: f64,
+    /// `None` if the parameters of the whisker are not valid.
+    elastica: Option<Arc<Elastica>>,
+}
+
+impl Method for ModelAveraging {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
+        Box::new(AveragingTracker {
+            config: self.config.clone(),
+            considered: self.config.candidates.iter().map(|candidate| candidate.considered).collect(),
+            face: touch.face.clone(),
+            noise_n2_m2: self.noise_n2_m2,
+            methods: self.methods.clone(),
+            trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
+            right: Modes::new(weights.iter().copied()),
+            doubtful: Doubtful::default(),
+            signals_motion: false,
+            second: Second::default(),
+            touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
+            has_returned: false,
+            base: touch.before,
+            last: None,
+            blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
+            has_begun: false,
+            late: None,
+            stated: None,
+            continues: false,
+            weights,
+        })
+    }
+}
+
+/// The candidates on one contact.
+struct AveragingTracker {
+    config: Arc<Config>,
+    considered: Vec<bool>,
+    face: Arc<CalibratedFace>,
+    /// Variance of the noise of a reading.
+    noise_n2_m2: f64,
+    weights: Vec<f64>,
+    methods: Methods,
+    trackers: Vec<Box<dyn Tracker>>,
+    /// Probabilities of the candidates.
+    right: Modes,
+    doubtful: Doubtful,
+    /// Whether the signal that the object moves is raised.
+    signals_motion: bool,
+    second: Second,
+    touched: TouchedPlaces,
+    /// Whether the whisker bears on a place that was touched before.
+    has_returned: bool,
+    base: Pose<Base, Start>,
+    /// The last stated contact and its covariance (m2).
+    last: Option<(Point<Start>, Matrix2<f64>)>,
+    blocks: Blocks,
+    /// Whether the candidates have taken the first sample of the touch.
+    has_begun: bool,
+    /// At the onset of a touch, the candidates that are improbable.
+    late: Option<Latecomers>,
+    /// Estimate at the mean of the last block.
+    stated: Option<Estimate>,
+    /// Whether the readings show a contact with the object of the last touch while none is detected.
+    continues: bool,
+}
+
+impl AveragingTracker {
+    fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.methods.iter().map(|(name, _)| *name)
+    }
+}
+
+impl AveragingTracker {
+    /// Begins a new touch at the present sample: the contact may be the last one or another, anywhere along the whisker.
+    fn begin_again(&mut self) {
+        let face = self.face.clone();
+        self.begin_again_with(&Touch {
+            face: &face,
+            history: &[],
+            free_s: 0.0,
+            before: self.base,
+            contact_prior: None,
+            seed: 0,
+        });
+        self.blocks.alert(&self.config.block);
+        (self.has_begun, self.late) = (false, None);
+    }
+
+    /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object at rest
+    /// and the object probably moves.
+    fn begin_again_with(&mut self, touch: &Touch<'_>) {
+        let moves = self.moving_share() > LIKELY_MOVING_SHARE;
+        for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
+            let may_resume = tracker.assumes_motion() || !moves;
+            if !(may_resume && tracker.resume(touch)) {
+                *tracker = method.begin(touch);
+            }
+        }
+    }
+}
+
+impl AveragingTracker {
+    /// Predicts a sample, with the motion and the time from the last block's mean to it, by the leading candidate.
+    fn look_ahead(&self, since: &Sample) -> Ahead {
+        let candidates = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
+        let leading = candidates.filter(|((_, considered), _)| !**considered);
+        leading
+            .max_by(|((a, _), _), ((b, _), _)| a.total_cmp(b))
+            .map_or_else(Ahead::default, |(_, tracker)| tracker.look_ahead(since))
+    }
+
+    /// The estimate of the last block's mean, carried along by the motion of the base to a sample: the contact rests but for its slip
+    /// over the object.
+    fn carried(&self, since: &Sample, slip_m: Vector2<f64>) -> Option<Estimate> {
+        let stated = self.stated?;
+        Some(Estimate {
+            contact: since.motion.apply(stated.contact).shifted(slip_m),
+            covariance_m2: stated.covariance_m2.map(|covariance_m2| since.motion.turn(covariance_m2)),
+            ..stated
+        })
+    }
+
+    /// Takes a block of samples.
+    fn take(&mut self, block: &BlockMean) {
+        let now = std::mem::replace(&mut self.base, block.base);
+        self.stated = self.step_mean_of(&block.sample, block.count);
+        self.base = now;
+        let nis = self.stated.and_then(|stated| stated.innovation).map(|innovation| innovation.nis);
+        if nis.is_some_and(|nis| nis > self.config.block.alert_nis) {
+            self.blocks.alert(&self.config.block);
+        }
+    }
+
+    /// Takes the mean of `count` samples, with the base at the mean pose.
+    fn step_mean_of(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
+        let estimates = self.estimates(sample, count);
+        let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
+        self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
+        let innovation = self.weigh(sample, count, &estimates);
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
+        if innovation.is_some() && self.shows_motion(&estimates) {
+            self.signals_motion = signals_motion(self.signals_motion, self.moving_share());
+        }
+        let model_doubtful = self.doubtful.is_raised() || self.signals_motion;
+        let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
+        let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
+        let second_contact = self.second.is_raised();
+        if is_second && self.config.second.begins_touch {
+            self.begin_again();
+        }
+        let stated = self.near_the_domain(Estimate { model_doubtful, second_contact, ..together? })?;
+        let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
+        self.last = stated.covariance_m2.map(in_start).or(self.last);
+        Some(stated)
+    }
+}
+
+impl Tracker for AveragingTracker {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.base = sample.motion.inverse().then(&self.base);
+        let settings = self.config.block;
+        if settings.samples == 1 {
+            self.stated = self.step_mean_of(sample, 1.0);
+            return self.stated;
+        }
+        let mut since = self.blocks.since_mean(&self.base, sample);
+        let mut ahead = if self.blocks.is_calm(sample) { self.look_ahead(&since) } else { Ahead::default() };
+        if ahead.nis.is_some_and(|nis| nis > settings.sample_nis) {
+            // The samples collected so far belong to the contact before the jump.
+            if let Some(block) = self.blocks.end() {
+                self.take(&block);
+                since = self.blocks.since_mean(&self.base, sample);
+                ahead = self.look_ahead(&since);
+            }
+            self.blocks.alert(&settings);
+        }
+        let Some(block) = self.blocks.take(&settings, &self.base, sample) else {
+            self.trackers.iter_mut().for_each(|tracker| tracker.work());
+            // The innovation is that of the block.
+            return self.carried(&since, ahead.slip_m).map(|estimate| Estimate { innovation: None, ..estimate });
+        };
+        self.take(&block);
+        if block.count == 1.0 {
+            return self.stated;
+        }
+        let since = self.blocks.since_mean(&self.base, &Sample { dt_s: 0.0, ..*sample });
+        self.carried(&since, self.look_ahead(&since).slip_m)
+    }
+
+    /// All readings together determine the candidates' probabilities, so those at the end apply to every instant.
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let revised: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect();
+        let count = revised.iter().flatten().map(Vec::len).min()?;
+        let at = |i: usize| revised.iter().map(|smoothed| smoothed.as_ref()?[i]).collect::<Vec<_>>();
+        Some((0..count).map(|i| self.together(&at(i), None)).collect())
+    }
+
+    /// None if the object probably moves.
+    fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+        // The candidates have not taken the samples of a block that has not ended.
+        let undetected = Undetected { free_s: undetected.free_s + self.blocks.pending_s(), ..*undetected };
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.expect_touch(&undetected)).collect();
+        self.continues = false;
+        if self.moving_share() > LIKELY_MOVING_SHARE {
+            return None;
+        }
+        let together = self.together(&estimates, None).map(|estimate| self.with_systematic(estimate, &estimates));
+        self.continues = together.is_some();
+        self.near_the_domain(together?)
+    }
+
+    /// The object may be the last one or another with equal probability: the candidates' probabilities are the mean of those at
+    /// the release and the priors. If the readings showed the last one before the touch was detected, they remain those at the release.
+    fn resume(&mut self, touch: &Touch<'_>) -> bool {
+        // The candidates have not taken the samples of a block that has not ended.
+        let touch = &Touch { free_s: touch.free_s + self.blocks.pending_s(), ..*touch };
+        self.face = touch.face.clone();
+        self.base = touch.before;
+        self.blocks = Blocks::new(touch.before, touch.face.rest.length_m());
+        (self.has_begun, self.late) = (false, None);
+        self.stated = None;
+        self.second.resume();
+        self.touched.resume(touch.face.face);
+        self.has_returned = false;
+        self.doubtful.resume();
+        self.signals_motion = false;
+        self.begin_again_with(touch);
+        if std::mem::take(&mut self.continues) {
+            return true;
+        }
+        let total: f64 = self.weights.iter().sum();
+        let halves = self.right.probabilities().iter().zip(&self.weights).map(|(share, weight)| share + weight / total);
+        self.right = Modes::new(halves.collect::<Vec<_>>());
+        true
+    }
+
+    fn outline(&self) -> Option<Vec<OutlinePoint>> {
+        self.outline_of_candidates()
+    }
+
+    fn outline_leads(&self) -> bool {
+        self.has_leading_outline()
+    }
+}

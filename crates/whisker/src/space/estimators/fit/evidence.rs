@@ -1,0 +1,62 @@
+//! Evidence of a fit: that of the readings of the last round of searches, and of those since.
+
+/// Logarithm of the evidence of the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct LogEvidence {
+    /// That of all modes in the last round. `None` before the first has ended.
+    pub(super) round: Option<f64>,
+    /// That of the readings since the means of that round were taken.
+    pub(super) since: f64,
+    /// That of the readings before the fit began anew. `None` if it never did.
+    pub(super) before: Option<f64>,
+}
+
+impl LogEvidence {
+    /// That of all readings. A fit that began anew is one of two objects, one after the other, and has the evidence of both.
+    pub(super) fn total(&self) -> Option<f64> {
+        match self.round {
+            Some(round) => Some(self.before.unwrap_or(0.0) + round + self.since),
+            None => self.before,
+        }
+    }
+
+    /// That after a round, `since` whose means were taken the readings have another. If the round has none, that of the readings
+    /// since the last one still counts.
+    pub(super) fn after(&self, round: Option<f64>, since: f64) -> Self {
+        match round {
+            Some(_) => Self { round, since, ..*self },
+            None => *self,
+        }
+    }
+
+    /// That of a fit which begins anew.
+    pub(super) fn anew(&self) -> Self {
+        Self { before: self.total(), ..Self::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_round_without_a_solution_keeps_the_evidence_since_the_last_one() {
+        let first = LogEvidence::default().after(Some(-80.0), -2.0);
+        assert_eq!(first.total(), Some(-82.0));
+        let later = LogEvidence { since: -20.0, ..first };
+        assert_eq!(later.after(None, -5.0).total(), Some(-100.0));
+        assert_eq!(later.after(Some(-90.0), -5.0).total(), Some(-95.0));
+    }
+
+    #[test]
+    fn regress_a_fit_that_begins_anew_keeps_the_evidence_of_the_readings_before() {
+        let mut evidence = LogEvidence::default();
+        assert_eq!(evidence.total(), None);
+        (evidence.round, evidence.since) = (Some(-80.0), -20.0);
+        let mut anew = evidence.anew();
+        assert_eq!(anew.total(), Some(-100.0), "a model that lost the contact is not forgiven");
+        (anew.round, anew.since) = (Some(-5.0), 1.0);
+        assert_eq!(anew.total(), Some(-104.0));
+        assert_eq!(anew.anew().total(), Some(-104.0));
+    }
+}

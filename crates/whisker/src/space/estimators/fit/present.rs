@@ -1,0 +1,134 @@
+//! Estimate at the present sample, which the modes do not include yet.
+
+use filters::{Gaussian, Innovation};
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::mode::Mode;
+use super::{Fitter, LOST_S, SLIPPED};
+use crate::space::estimators::motion::{Motion, Shape, TILT, TILT_S};
+use crate::space::estimators::{Estimate, Sample};
+use crate::space::sensor::Around;
+
+/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those
+/// of a wrong model are not independent. Chosen on random scenes in space that are not reported.
+const EXCESS_POWER: i32 = 3;
+
+impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
+    /// The estimate of the modes.
+    pub(super) fn together(&mut self, sample: &Sample) -> Option<Estimate> {
+        let mut modes = std::mem::take(&mut self.modes);
+        let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
+            .iter_mut()
+            .filter(|mode| !mode.is_new())
+            .filter_map(|mode| {
+                let (belief, innovation) = self.present(mode, sample)?;
+                Some((belief, innovation, mode.log_weight.exp()))
+            })
+            .filter(|(belief, ..)| belief.is_finite())
+            .collect();
+        self.modes = modes;
+        // After a gap, one failed search is not enough.
+        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
+        if beliefs.is_empty() {
+            // Without a contact there, the object explains no reading.
+            self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
+        }
+        let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+        for (belief, ..) in &mut beliefs {
+            self.model.align(&mut belief.mean, &likeliest.mean);
+        }
+        let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
+        self.slipped.advance(&SLIPPED, sample.dt_s, innovation);
+        if let Some(innovation) = &innovation {
+            self.count(self.evidence_of(innovation, &likeliest));
+        }
+        let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
+        let mut estimate = self.side.estimate(&belief, innovation)?;
+        self.model.describe(&self.side, &belief, &mut estimate);
+        Some(estimate)
+    }
+
+    /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
+    fn present(&self, mode: &mut Mode<Model::Object, N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
+        let (side, model) = (&self.side, &self.model);
+        let motion = mode.reference.then(&self.base.inverse());
+        let object = mode.about.object(&motion);
+        let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
+        let place = found.0;
+        mode.near = place.at;
+        // The entries about the object hardly change from pose to pose.
+        let mut slopes = SMatrix::<f64, N, N>::identity();
+        let (of_contact, of_tilt, here) = mode.about.contact_slopes(model, &motion, &found);
+        slopes.fixed_rows_mut::<3>(0).copy_from(&of_contact);
+        slopes[(TILT, TILT)] = 0.0;
+        // The readings of a contradicted object are scattered more than their covariance says (Birge, "The calculation of errors by
+        // the method of least squares", Physical Review 40, 1932).
+        let mut covariance = slopes * mode.covariance * slopes.transpose() * mode.excess;
+        for i in 0..3 {
+            covariance[(i, i)] += self.config.deviation_m.powi(2);
+        }
+        let mut by_tilt = SVector::<f64, N>::zeros();
+        by_tilt.fixed_rows_mut::<3>(0).copy_from(&of_tilt);
+        by_tilt[TILT] = 1.0;
+
+        let contact = (&place, &found.1, &here);
+        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, &self.ringing.response());
+        // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
+        let decay = (-sample.dt_s / TILT_S).exp();
+        let variance = inertial.sd_rad().powi(2);
+        let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
+        mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
+        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial.rad;
+        let at = Around::of_state(&(state + by_tilt * tilt_rad));
+        let expected = side.expect(at);
+        let by_contact = expected.slopes;
+        let by_reading = by_contact * by_tilt.fixed_rows::<3>(0);
+        let of_contact: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let spread = by_contact * of_contact * by_contact.transpose()
+            + by_reading * by_reading.transpose() * tilt_rad2
+            + expected.covariance_n2_m2()
+            + side.noise_of_mean_n2_m2(1.0);
+        let innovation = Innovation::of(sample.reading_n_m - expected.reading_n_m, spread)?;
+        let gain = spread.try_inverse()? * by_reading * tilt_rad2;
+        let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
+        mode.tilt =
+            (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
+        covariance *= further_factor(mode.excess, self.slipped.mean_nis());
+        covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
+        Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
+    }
+
+    /// Evidence of a reading: the logarithm of its likelihood, `-nis / 2 - ln det S / 2` up to a constant, relative to the expected
+    /// one under the covariance of a known contact, `-1 - ln det R / 2` up to the same constant.
+    fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
+        let known = self.side.covariance_n2_m2(Around::of_state(&belief.mean));
+        let spread = (innovation.covariance.determinant() / known.determinant()).ln();
+        1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread
+    }
+
+    /// Adds the evidence of a reading.
+    fn count(&mut self, evidence: f64) {
+        self.log_evidence.since += evidence;
+        if let Some(round) = &mut self.round {
+            round.since += evidence;
+        }
+    }
+}
+
+/// Factor of the stated covariance of a mode relative to that of its innovations, which contains the excess once. The recent mean
+/// of the innovations includes those since the last round, which the excess does not.
+fn further_factor(excess: f64, recent_nis: f64) -> f64 {
+    (recent_nis / excess).max(1.0) * excess.powi(EXCESS_POWER - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_covariance_grows_with_the_third_power_of_the_excess_or_with_recent_innovations() {
+        for (excess, recent_nis, factor) in [(1.0, 0.5, 1.0), (1.0, 3.0, 3.0), (4.0, 2.0, 64.0), (4.0, 8.0, 128.0)] {
+            assert_eq!(excess * further_factor(excess, recent_nis), factor);
+        }
+    }
+}
