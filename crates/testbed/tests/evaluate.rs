@@ -4,13 +4,14 @@
 use std::fs;
 use std::path::Path;
 use std::slice;
+use std::sync::Arc;
 use std::time::Duration;
 
 use files::sha256;
 use indicatif::ProgressBar;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2};
 use serde_json::json;
-use testbed::bound::TraceBound;
+use testbed::bound::{Deviations, TraceBound};
 use testbed::dataset::Dataset;
 use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
 use testbed::fit::{FitSettings, Models, fit};
@@ -22,6 +23,8 @@ use testbed::results::files::{Writer, run_file};
 use testbed::results::{RUN_FILES, Run, TrialRow, read_scores};
 use trace::{CalibrationFile, Miscalibration, ReplayEffects, Role, Sidecar, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
+use whisker::frames::Pose;
+use whisker::sensor::CalibratedFace;
 
 /// Dataset of the golden pin as a trial and as a calibration, and of a trial without any contact.
 fn dataset(folder: &Path) -> Dataset {
@@ -179,15 +182,56 @@ fn robust_a_calibration_through_another_front_end_is_reported() {
     refused("hall", hall(), &["front_end.sensors", "found left/straight", "straight/straight", "--sensors"]);
 }
 
+/// The calibrated face that a trace touches.
+fn touched_face(dataset: &Dataset, trace: &Trace) -> Arc<CalibratedFace> {
+    let path = dataset.calibrations("white").join(format!("{}.json", trace.sidecar.whisker.name));
+    let faces = CalibrationFile::read(&path).unwrap().calibrated(&path, None).unwrap();
+    faces.into_iter().find(|face| face.face == trace.sidecar.face).unwrap()
+}
+
+/// An object and a whisker that move along together: the readings, and what is known about the size, are those at rest.
+#[test]
+fn verif_an_unknown_size_scales_the_displacement_over_a_moving_object_alone() {
+    const VELOCITY_M_S: [f64; 2] = [1.5e-3, -1e-3];
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
+    let resting = Trace::read(&folder.path().join("grid_1.csv")).unwrap();
+    let face = touched_face(&dataset, &resting);
+    let mut moving = resting.clone();
+    moving.sidecar.scene["object_velocity_m_s"] = json!(VELOCITY_M_S);
+    for (known, truth) in moving.recording.instants.iter_mut().zip(&mut moving.truth.instants) {
+        let way_m = Vector2::from(VELOCITY_M_S) * known.t_s;
+        let origin = known.base.origin().shifted(way_m);
+        known.base = Pose::new(origin.x(), origin.y(), known.base.yaw_rad());
+        truth.contact = truth.contact.map(|contact| contact.shifted(way_m));
+    }
+    let exact = Miscalibration::default();
+    let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: face.largest_reading_n_m };
+    let bound = |trace: &Trace| {
+        let none = BaseNoise::default();
+        let bound = TraceBound::new(trace, &face, 1e-7, &none).unwrap();
+        bound.with_deviations(trace, &face, 1e-7, &none, &deviations)
+    };
+    let (at_rest, moves) = (bound(&resting), bound(&moving));
+    let rows = (0..resting.truth.instants.len()).filter_map(|row| Some((at_rest.at(row)?, moves.at(row)?)));
+    let (mut sized, mut moved) = (0.0_f64, 0.0_f64);
+    for (at_rest, moves) in rows {
+        assert!((moves.unsized_sd_m / at_rest.unsized_sd_m - 1.0).abs() < 1e-6, "{at_rest:?} {moves:?}");
+        assert_eq!(at_rest.moving_sd_m, at_rest.unsized_sd_m);
+        sized = sized.max(at_rest.unsized_sd_m / at_rest.deviating_sd_m);
+        moved = moved.max(moves.moving_sd_m / moves.unsized_sd_m);
+    }
+    assert!(sized > 1.01 && moved > 1.01, "{sized} {moved}");
+}
+
 #[test]
 fn verif_the_bound_continues_through_chatter_and_restarts_after_a_lift_off() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path());
     fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
     let trace = Trace::read(&folder.path().join("pin.csv")).unwrap();
-    let path = dataset.calibrations("white").join(format!("{}.json", trace.sidecar.whisker.name));
-    let faces = CalibrationFile::read(&path).unwrap().calibrated(&path, None).unwrap();
-    let face = faces.iter().find(|face| face.face == trace.sidecar.face).unwrap();
+    let face = &touched_face(&dataset, &trace);
     let first = trace.truth.instants.iter().position(|truth| truth.contact.is_some()).unwrap();
     // The bound before and after a gap of some rows.
     let around = |gap: usize, base_noise: &BaseNoise| {

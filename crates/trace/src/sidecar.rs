@@ -133,6 +133,15 @@ pub struct Sidecar {
     pub replay: Option<ReplayEffects>,
 }
 
+/// Key of the scene for the velocity of an object that moves.
+const OBJECT_VELOCITY: &str = "object_velocity_m_s";
+
+/// The two numbers of an array. `None` if the value is anything else.
+fn two_numbers(value: &Value) -> Option<[f64; 2]> {
+    let [x, y] = value.as_array()?.as_slice() else { return None };
+    Some([x.as_f64()?, y.as_f64()?])
+}
+
 impl Sidecar {
     /// Class of the object: as the recording states it, else by the shape.
     pub fn object_class(&self) -> ObjectClass {
@@ -140,16 +149,14 @@ impl Sidecar {
         stated.unwrap_or_else(|| ObjectClass::of_shape(&self.object))
     }
 
-    /// Constant velocity of the object in World (m/s), zero for an object at rest. `None` if it is stated as anything but two numbers.
-    pub fn object_velocity_m_s(&self) -> Option<[f64; 2]> {
-        let Some(velocity_m_s) = self.scene.get("object_velocity_m_s") else { return Some([0.0; 2]) };
-        let [x_m_s, y_m_s] = velocity_m_s.as_array()?.as_slice() else { return None };
-        Some([x_m_s.as_f64()?, y_m_s.as_f64()?])
+    /// Constant velocity of the object in World (m/s), zero for an object at rest.
+    pub fn object_velocity_m_s(&self) -> [f64; 2] {
+        self.scene.get(OBJECT_VELOCITY).and_then(two_numbers).unwrap_or_default()
     }
 
     /// Whether the object is at rest throughout the trace.
     pub fn is_object_at_rest(&self) -> bool {
-        self.object_velocity_m_s() == Some([0.0; 2])
+        self.object_velocity_m_s() == [0.0; 2]
     }
 
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.
@@ -190,6 +197,9 @@ impl Sidecar {
         }
         if let Some(replay) = &self.replay {
             replay.validate(path)?;
+        }
+        if let Some(velocity_m_s) = self.scene.get(OBJECT_VELOCITY).filter(|value| two_numbers(value).is_none()) {
+            return Err(Error::value(path, format!("scene.{OBJECT_VELOCITY}"), velocity_m_s, "two numbers"));
         }
         plain_name(path, "name", &self.name)?;
         // Figures are named after the group, which is also shown with the trace.

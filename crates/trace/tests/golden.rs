@@ -57,11 +57,23 @@ fn val_golden_traces_are_physically_consistent() {
 #[test]
 fn verif_an_object_rests_unless_its_velocity_is_stated() {
     let mut sidecar = Sidecar::read(&golden().join("golden_pin.json")).unwrap();
-    assert!(sidecar.object_velocity_m_s() == Some([0.0; 2]) && sidecar.is_object_at_rest());
+    assert!(sidecar.object_velocity_m_s() == [0.0; 2] && sidecar.is_object_at_rest());
     sidecar.scene["object_velocity_m_s"] = json!([1e-3, -2e-3]);
-    assert!(sidecar.object_velocity_m_s() == Some([1e-3, -2e-3]) && !sidecar.is_object_at_rest());
-    sidecar.scene["object_velocity_m_s"] = json!([1e-3]);
-    assert!(sidecar.object_velocity_m_s().is_none() && !sidecar.is_object_at_rest());
+    assert!(sidecar.object_velocity_m_s() == [1e-3, -2e-3] && !sidecar.is_object_at_rest());
+}
+
+#[test]
+fn robust_a_velocity_that_is_not_two_numbers_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut sidecar = Sidecar::read(&golden().join("golden_pin.json")).unwrap();
+    for value in [json!(null), json!([1e-3]), json!([0.0, 0.0, 0.0]), json!(["0", 0.0])] {
+        sidecar.scene["object_velocity_m_s"] = value.clone();
+        let path = folder.path().join("moving.json");
+        fs::write(&path, serde_json::to_string_pretty(&sidecar).unwrap()).unwrap();
+        let error = Sidecar::read(&path).unwrap_err().to_string();
+        let expected = format!("scene.object_velocity_m_s: found {value}, expected two numbers");
+        assert!(error.contains(&expected), "{error}");
+    }
 }
 
 #[test]

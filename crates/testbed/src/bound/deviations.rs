@@ -1,4 +1,4 @@
-//! Bound for a sensor that deviates from its calibration, and an object of unknown size.
+//! Bound for a sensor that deviates from its calibration, and an object of unknown size and velocity.
 //!
 //! The deviations are constant states with a prior, beside the contact. An estimator that knew the shape of the object, the
 //! kinds of the deviations and the distribution of their values, but not the values, could not have a smaller mean square
@@ -151,7 +151,7 @@ impl Joint {
         self
     }
 
-    /// Begins a touch, whose contact has this prior; size and deviations are those of the touches before.
+    /// Begins a touch, whose contact has this prior; the other states are those of the touches before.
     pub(super) fn touch(&mut self, prior_m2: &Matrix2<f64>) {
         self.covariance.fixed_rows_mut::<2>(0).fill(0.0);
         self.covariance.fixed_columns_mut::<2>(0).fill(0.0);
@@ -291,8 +291,9 @@ mod tests {
         let (rests_m, moves_m) = (end_m(Joint::new(&deviations, 0.0)), end_m(Joint::new(&deviations, 0.0).moving()));
         assert!((moves_m / rests_m - 2.0).abs() < 0.01, "{moves_m} {rests_m}");
     }
-    /// A contact that slides to and fro over an object of unknown size, read in both directions: neither the size nor the velocity has
-    /// the effect of the other, so that with both unknown the bound is larger than with either.
+
+    /// A contact that slides to and fro over an object of unknown size, read in both directions. The effects of size and velocity on the
+    /// readings are correlated, but not proportional, so that the bound is larger with both unknown than with either.
     #[test]
     fn verif_an_unknown_size_raises_the_bound_of_a_moving_object() {
         let exact = Miscalibration::default();

@@ -120,10 +120,11 @@ impl TraceBound {
         let instants = &trace.recording.instants;
         let start_s = instants.first().map_or(0.0, |first| first.t_s);
         let of_size = size_variance(&trace.sidecar.object);
-        let object_m_s = Vector2::from(trace.sidecar.object_velocity_m_s().unwrap_or_default());
-        let resting = Joint::new(deviations, of_size);
-        let moving = if trace.sidecar.is_object_at_rest() { resting.clone() } else { resting.clone().moving() };
-        let mut joints = [Joint::new(deviations, 0.0), resting, moving];
+        let object_m_s = Vector2::from(trace.sidecar.object_velocity_m_s());
+        let known_motion = Joint::new(deviations, of_size);
+        let unknown_motion =
+            if trace.sidecar.is_object_at_rest() { known_motion.clone() } else { known_motion.clone().moving() };
+        let mut joints = [Joint::new(deviations, 0.0), known_motion, unknown_motion];
         let mut touched = Vector2::zeros();
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };

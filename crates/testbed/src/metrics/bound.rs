@@ -27,12 +27,12 @@ pub const DEVIATING_RMSE: Metric = Metric {
 /// Bound for unknown deviations and an unknown size.
 pub const UNSIZED_RMSE: Metric = Metric {
     name: "unsized_bound_rmse_m",
-    about: "deviating_bound_rmse_m for an estimator that knows the shape of the object up to its size",
+    about: "deviating_bound_rmse_m for an estimator that knows the motion of the object, and its shape up to its size",
     summary: Summary::Median,
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.unsized_sd_m).collect::<Vec<f64>>()),
 };
 
-/// Bound for an unknown velocity.
+/// Bound for unknown deviations, size and velocity.
 pub const MOVING_RMSE: Metric = Metric {
     name: "moving_bound_rmse_m",
     about: "unsized_bound_rmse_m for an object that moves uniformly with an unknown velocity",

@@ -2,10 +2,11 @@
 
 use testbed::metrics::{Metric, bound, consistency, contour, error};
 use testbed::results::TrialRow;
-use testbed::statistics::{beyond, mean, median, quantile};
+use testbed::statistics::{mean, median, quantile};
 
 use super::sets::{
-    Set, coverage_of, doubt_false_per_min, doubt_found, nis_of_missed, overconfident, sets_of, share, sidecar,
+    Set, coverage_of, doubt_false_per_min, doubt_found, expected_above, nis_of_missed, overconfident, sets_of, share,
+    sidecar,
 };
 use super::{Claim, Context, RECOMMENDED, contacts, friction, hollow};
 
@@ -98,12 +99,9 @@ fn is_possible(trial: &TrialRow) -> bool {
     trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M)
 }
 
-/// Share (%) of the trials in which an estimator would exceed an error whose mean square is the bound with unknown size and deviations,
-/// if its error were one displacement per trial, with a normal distribution: the errors along the wire are by far the largest, and
-/// those of size and calibration are constant.
-fn expected_above(context: &Context, polygons: bool, error_m: f64) -> Option<f64> {
-    let bounds = trials(context, polygons).into_iter().filter_map(|trial| trial.get(&bound::UNSIZED_RMSE));
-    mean(bounds.map(|bound_m| 100.0 * beyond(error_m, bound_m)))
+/// Share (%) of the trials whose error is expected to exceed `error_m` at the bound with unknown size and deviations.
+fn expected_failures(context: &Context, polygons: bool, error_m: f64) -> Option<f64> {
+    expected_above(trials(context, polygons).into_iter(), &bound::UNSIZED_RMSE, error_m)
 }
 
 /// The error that is exceeded in `share` (%) of the trials then.
@@ -111,7 +109,7 @@ fn expected_quantile_m(context: &Context, polygons: bool, share: f64) -> Option<
     let (mut low_m, mut high_m) = (0.0, LONGEST_M);
     for _ in 0..HALVINGS {
         let middle_m = 0.5 * (low_m + high_m);
-        let is_exceeded = expected_above(context, polygons, middle_m)? > share;
+        let is_exceeded = expected_failures(context, polygons, middle_m)? > share;
         *(if is_exceeded { &mut low_m } else { &mut high_m }) = middle_m;
     }
     Some(high_m)
@@ -155,7 +153,7 @@ fn errors_of(kind: &'static str, objects: &'static str, polygons: bool, most_fai
             ),
             most_failed,
             "%",
-            move |context| Ok(expected_above(context, polygons, FAILED_M)),
+            move |context| Ok(expected_failures(context, polygons, FAILED_M)),
         ),
         Claim::at_most(
             format!("random_{kind}_unanswered"),

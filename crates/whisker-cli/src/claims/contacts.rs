@@ -57,7 +57,7 @@ impl Condition {
 pub(super) fn claims() -> Vec<Claim> {
     let mut claims: Vec<Claim> = [FRICTION, NOT_CONVEX, MOVING].into_iter().flat_map(certainty).collect();
     claims.extend(second_contacts());
-    claims.extend(accurate_or_in_doubt());
+    claims.extend(accuracy_of_moving());
     claims.extend(doubts());
     claims
 }
@@ -127,9 +127,9 @@ fn observable(context: &Context) -> anyhow::Result<impl Iterator<Item = &TrialRo
     Ok(MOVING.trials(context)?.filter(is_observable))
 }
 
-/// Claims on the trials with a moving object whose steady RMSE is at most [`ACCURATE_M`], or in which `model_doubtful` is raised in
-/// time. Trials whose motion is not observable are left out.
-fn accurate_or_in_doubt() -> [Claim; 2] {
+/// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time, and
+/// how many are expected to be accurate.
+fn accuracy_of_moving() -> [Claim; 2] {
     let observable_trials = "among those whose bound with unknown velocity and size is at most 0.3 mm";
     [
         Claim::at_least(
@@ -144,7 +144,8 @@ fn accurate_or_in_doubt() -> [Claim; 2] {
         Claim::at_least(
             "contacts_moving_expected".into(),
             format!(
-                "random contacts: {}: trials in which the RMSE of an estimator at the bound is at most 0.3 mm, {observable_trials}",
+                "random contacts: {}: expected share of trials with an error of at most 0.3 mm, if it is normally distributed with the \
+                 bound as its RMS, {observable_trials}",
                 MOVING.description
             ),
             90.0,

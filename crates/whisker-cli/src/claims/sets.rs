@@ -5,7 +5,7 @@ use std::path::Path;
 
 use testbed::metrics::{Metric, consistency, doubt};
 use testbed::results::TrialRow;
-use testbed::statistics::mean;
+use testbed::statistics::{beyond, mean};
 use trace::Sidecar;
 
 use super::{Context, RECOMMENDED};
@@ -105,4 +105,16 @@ pub(super) fn doubt_false_per_min(sets: Vec<Set<'_>>) -> Option<f64> {
     let total = |metric: &Metric| good.iter().filter_map(|trial| trial.get(metric)).sum::<f64>();
     let minutes = total(&doubt::CONTACT_TIME) / 60.0;
     (minutes > 0.0).then(|| total(&doubt::ALARMS) / minutes)
+}
+
+/// Share (%) of the trials in which an error with a bound as its RMS is expected to exceed `error_m`, if it is one displacement per
+/// trial, with a normal distribution: the errors along the wire are by far the largest, and those of calibration, size and velocity
+/// are constant.
+pub(super) fn expected_above<'a>(
+    trials: impl Iterator<Item = &'a TrialRow>,
+    bound: &Metric,
+    error_m: f64,
+) -> Option<f64> {
+    let bounds = trials.filter_map(|trial| trial.get(bound));
+    mean(bounds.map(|bound_m| 100.0 * beyond(error_m, bound_m)))
 }

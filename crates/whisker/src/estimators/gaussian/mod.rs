@@ -1,4 +1,7 @@
 //! Common part of the filters with Gaussian hypotheses, which differ in prediction and update only.
+//!
+//! The settings are those of [`config`]. A contact may reach the tip ([`tip`]), jump to another place of the object and return
+//! ([`places`]), and a touch may begin with the belief of the last one ([`kept`]).
 
 mod config;
 mod kept;
@@ -86,6 +89,12 @@ impl<Filter: GaussianFilter> AnyMotion for Filtering<Filter> {
         Box::new(Follower::new(self.config, motion, touch, &self.knowledge))
     }
 }
+
+/// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
+const CONTINUED_SHARE: f64 = 0.99;
+
+/// Relative standard deviation of the moment by the wire's inertia.
+const INERTIA_SD: f64 = 0.3;
 
 /// Follows one contact with a bank of hypotheses.
 pub(super) struct Follower<Filter, Model, const N: usize> {
@@ -317,23 +326,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
     }
 
-    /// The belief conditioned on a reading, with its innovation. `None` without a valid update.
-    fn conditioned(
-        &self,
-        mut belief: Gaussian<N>,
-        reading: &ContactReading<'_>,
-        z_n_m: f64,
-    ) -> Option<(Gaussian<N>, Innovation<1>)> {
-        let found = self.config.filter.update(&mut belief, reading, &Vector1::new(z_n_m)).ok()?;
-        self.side.hold(&mut belief.mean);
-        belief.is_finite().then_some((belief, found))
-    }
-
-    /// Evidence of an innovation for a hypothesis, bounded at the gate.
-    fn log_evidence(&self, found: &Innovation<1>) -> f64 {
-        self.config.evidence_power * robust::log_likelihood(found, self.config.gate_sds)
-    }
-
     /// Predicts a further sample from a belief, whose covariance is used without propagation: the process noise of a block is small
     /// beside that of the reading.
     pub(super) fn look_ahead_from(&self, belief: &Gaussian<N>, sample: &Sample) -> Ahead {
@@ -360,32 +352,6 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         let most_m2 = self.side.face.rest.length_m().powi(2);
         !(along_m2 > 0.0 && away_m2 > 0.0 && along_m2 + away_m2 < most_m2)
     }
-}
-
-/// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
-const CONTINUED_SHARE: f64 = 0.99;
-
-/// Residual of a reading for a contact (N m), and its variance (N2 m2) with the covariance of the contact. `None` without a prediction.
-fn residual<const N: usize>(
-    reading: &ContactReading<'_>,
-    x: &SVector<f64, N>,
-    covariance: &SMatrix<f64, N, N>,
-    z_n_m: f64,
-) -> Option<(f64, Matrix1<f64>)> {
-    let (expected, h, noise) = reading.linearised_with_noise(x)?;
-    Some((z_n_m - expected.x, product(&product(&h, covariance), &h.transpose()) + noise))
-}
-
-/// Relative standard deviation of the moment by the wire's inertia.
-const INERTIA_SD: f64 = 0.3;
-
-/// Result of one step.
-pub(super) struct Advance<const N: usize> {
-    /// Prior: the belief before the reading.
-    pub(super) predicted: Gaussian<N>,
-    /// Posterior: the belief after the reading.
-    pub(super) filtered: Gaussian<N>,
-    pub(super) innovation: Option<Innovation<1>>,
 }
 
 impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follower<Filter, Model, N> {
@@ -470,4 +436,24 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.inertia = Inertia::new(&self.side.whisker);
         true
     }
+}
+
+/// Result of one step.
+pub(super) struct Advance<const N: usize> {
+    /// Prior: the belief before the reading.
+    pub(super) predicted: Gaussian<N>,
+    /// Posterior: the belief after the reading.
+    pub(super) filtered: Gaussian<N>,
+    pub(super) innovation: Option<Innovation<1>>,
+}
+
+/// Residual of a reading for a contact (N m), and its variance (N2 m2) with the covariance of the contact. `None` without a prediction.
+fn residual<const N: usize>(
+    reading: &ContactReading<'_>,
+    x: &SVector<f64, N>,
+    covariance: &SMatrix<f64, N, N>,
+    z_n_m: f64,
+) -> Option<(f64, Matrix1<f64>)> {
+    let (expected, h, noise) = reading.linearised_with_noise(x)?;
+    Some((z_n_m - expected.x, product(&product(&h, covariance), &h.transpose()) + noise))
 }

@@ -1,6 +1,3 @@
-use nalgebra::Vector2;
-
-use super::places::moved_to;
 use super::*;
 use crate::elastica::{Circle, Elastica};
 use crate::estimators::extended::Extended;
@@ -8,19 +5,6 @@ use crate::estimators::motion::Round;
 use crate::estimators::testing::knowledge;
 use crate::frames::{Point, World};
 use crate::sensor::Face;
-
-#[test]
-fn verif_a_contact_elsewhere_is_one_of_the_same_object_and_sensor() {
-    let covariance = SMatrix::<f64, 4, 4>::from_fn(|i, j| if i == j { 2.0 } else { 0.5 });
-    let belief = Gaussian::new(SVector::from([0.05, 1e-3, 4e-3, 0.7]), covariance);
-    let place = Gaussian::new(Vector2::new(0.03, 2e-3), Matrix2::new(3.0, 0.1, 0.1, 4.0));
-    let moved = moved_to(&belief, &place);
-    assert_eq!(moved.mean, SVector::from([0.03, 2e-3, 4e-3, 0.7]));
-    assert_eq!(moved.covariance.fixed_view::<2, 2>(0, 0), place.covariance);
-    assert_eq!(moved.covariance.fixed_view::<2, 2>(2, 2), covariance.fixed_view::<2, 2>(2, 2));
-    assert_eq!(moved.covariance.fixed_view::<2, 2>(0, 2), Matrix2::zeros());
-    assert_eq!(moved.covariance.fixed_view::<2, 2>(2, 0), Matrix2::zeros());
-}
 
 /// The first touch of the left face.
 fn touch(knowledge: &Knowledge, before: Pose<Base, Start>) -> Touch<'_> {

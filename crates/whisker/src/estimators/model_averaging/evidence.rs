@@ -1,8 +1,8 @@
-//! Probabilities of the candidates, from the likelihoods of their innovations.
+//! Probabilities of the candidates, from the likelihoods of their innovations; among them those of motion and friction, and the signal
+//! that the object moves.
 
-use filters::Innovation;
 use filters::imm::Transition;
-use filters::robust;
+use filters::{Innovation, robust};
 
 use super::AveragingTracker;
 use crate::estimators::{Estimate, Sample, Tracker};

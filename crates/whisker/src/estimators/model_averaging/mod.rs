@@ -20,6 +20,9 @@
 //! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
 //! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
 //! readings that reject the others.
+//!
+//! The settings are those of [`config`]. At a sample the candidates take their steps ([`onset`]), are weighed by their [`evidence`], and
+//! make up the estimate ([`mixture`]) and the outline ([`outline`]); then it is tested for a [`second_contact`].
 
 mod config;
 mod evidence;
@@ -165,7 +168,7 @@ struct AveragingTracker {
     blocks: Blocks,
     /// Whether the candidates have taken the first sample of the touch.
     has_begun: bool,
-    /// At the onset of a touch, the candidates that are improbable.
+    /// At the onset of a touch, the candidates that are late.
     late: Option<Latecomers>,
     /// Estimate at the mean of the last block.
     stated: Option<Estimate>,
@@ -177,9 +180,7 @@ impl AveragingTracker {
     fn names(&self) -> impl Iterator<Item = &'static str> {
         self.methods.iter().map(|(name, _)| *name)
     }
-}
 
-impl AveragingTracker {
     /// Begins a new touch at the present sample: the contact may be the last one or another, anywhere along the whisker.
     fn begin_again(&mut self) {
         let face = self.face.clone();
@@ -206,9 +207,7 @@ impl AveragingTracker {
             }
         }
     }
-}
 
-impl AveragingTracker {
     /// Predicts a sample, with the motion and the time from the last block's mean to it, by the leading candidate.
     fn look_ahead(&self, since: &Sample) -> Ahead {
         let candidates = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
@@ -344,10 +343,10 @@ impl Tracker for AveragingTracker {
     }
 
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.outline_of_candidates()
+        self.mixture_outline()
     }
 
     fn outline_leads(&self) -> bool {
-        self.has_leading_outline()
+        self.mixture_outline_leads()
     }
 }

@@ -12,17 +12,17 @@ const CARRYING_SHARE: f64 = 1e-6;
 impl AveragingTracker {
     /// Outline of the leading candidate or, if it has none, of the most probable candidate that has one and whose relative probability
     /// is at least [`CARRYING_SHARE`]. The band of an outline that does not lead contains the variance of the mixture across it.
-    pub(super) fn outline_of_candidates(&self) -> Option<Vec<OutlinePoint>> {
+    pub(super) fn mixture_outline(&self) -> Option<Vec<OutlinePoint>> {
         let ranked = self.ranked();
         let most = ranked.first()?.0;
         let least = most * self.config.ignored_share.min(CARRYING_SHARE);
         let counting = ranked.iter().filter(|(share, _)| *share >= least);
         let points = counting.into_iter().find_map(|(_, tracker)| tracker.outline())?;
-        Some(if self.has_leading_outline() { points } else { self.widened(points) })
+        Some(if self.mixture_outline_leads() { points } else { self.widened(points) })
     }
 
     /// A refuted outline does not lead: since the refutation it is that of the last place alone, whereas the contacts are those of all.
-    pub(super) fn has_leading_outline(&self) -> bool {
+    pub(super) fn mixture_outline_leads(&self) -> bool {
         let leads = |tracker: &dyn Tracker| tracker.outline().is_some() && tracker.outline_leads();
         self.ranked().first().is_some_and(|(_, tracker)| leads(*tracker) && !tracker.refutes_convexity())
     }

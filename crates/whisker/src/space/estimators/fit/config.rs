@@ -13,7 +13,7 @@ pub(in crate::space::estimators) struct Config {
     /// Model of the contact's motion. A contact at rest is filtered, not fitted.
     pub(in crate::space::estimators) motion: MotionSettings,
     /// Number of initial hypotheses along the whisker.
-    pub(in crate::space::estimators) hypotheses: usize,
+    hypotheses: usize,
     /// Time since the touch after which the fit begins.
     pub(in crate::space::estimators) start_s: f64,
     /// Largest number of modes at the start, and after the first searches.
@@ -45,9 +45,7 @@ impl Config {
             deviation_m: 5e-6,
         }
     }
-}
 
-impl Config {
     /// Settings of the filter with which a touch begins.
     pub(in crate::space::estimators) fn filter(&self, motion: MotionSettings) -> follower::Config {
         follower::Config { hypotheses: self.hypotheses, ..follower::Config::new(motion) }

@@ -1,14 +1,14 @@
-//! Evidence of a fit: that of the readings of the last round of searches, and of those since.
+//! Evidence of a fit: that of the readings of the last round of searches, of those since, and of those before the fit began anew.
 
 /// Logarithm of the evidence of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LogEvidence {
     /// That of all modes in the last round. `None` before the first has ended.
-    pub(super) round: Option<f64>,
+    round: Option<f64>,
     /// That of the readings since the means of that round were taken.
     pub(super) since: f64,
     /// That of the readings before the fit began anew. `None` if it never did.
-    pub(super) before: Option<f64>,
+    before: Option<f64>,
 }
 
 impl LogEvidence {

@@ -21,6 +21,9 @@
 //! At the next touch the fit goes on: an object at rest explains the readings of all touches. As the whisker may touch another
 //! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up. If
 //! they do neither for a second, there are estimates, with a covariance that includes the innovations.
+//!
+//! The fit ([`Fitter`]) keeps [`readings`], from which searches ([`search`]) find its modes ([`mode`]). The modes state the present
+//! contact ([`present`]) and the evidence of the model ([`evidence`]).
 
 mod config;
 mod evidence;
@@ -34,17 +37,17 @@ use filters::Gaussian;
 pub(super) use self::config::Config;
 use self::evidence::LogEvidence;
 use self::mode::Mode;
+use self::readings::{Mean, Readings};
+use self::search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
 use super::follower::{Follower, Tracker, Unrest};
 use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, TILT};
 use super::ringing::Ringing;
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
-use crate::doubt::{DoubtSettings, Doubtful};
+use crate::doubt::Doubtful;
 use crate::frames::{Base, Start};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
-use readings::{Mean, Readings};
-use search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
 
 /// Prior standard deviations of the contact's coordinates across the whisker.
 const AWAY_SD_M: f64 = 5e-3;
@@ -75,9 +78,6 @@ const LONGEST_STEP_S: f64 = 0.1;
 
 /// Time without a contact after which the object is given up (s).
 const LOST_S: f64 = 0.2;
-
-/// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
-const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
 
 /// Mean of the innovations with which a touch of a known object begins, and the one at which the object is confirmed.
 const UNCONFIRMED_NIS: f64 = 7.0;

@@ -4,10 +4,14 @@ use filters::{Gaussian, Innovation};
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::mode::Mode;
-use super::{Fitter, LOST_S, SLIPPED};
+use super::{Fitter, LOST_S};
+use crate::doubt::DoubtSettings;
 use crate::space::estimators::motion::{Motion, Shape, TILT, TILT_S};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::sensor::Around;
+
+/// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
+const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
 
 /// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those
 /// of a wrong model are not independent. Chosen on random scenes in space that are not reported.
