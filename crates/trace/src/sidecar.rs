@@ -133,10 +133,10 @@ pub struct Sidecar {
     pub replay: Option<ReplayEffects>,
 }
 
-/// Key of the scene for the velocity of an object that moves.
+/// Scene key of the velocity of a moving object.
 const OBJECT_VELOCITY: &str = "object_velocity_m_s";
 
-/// The two numbers of an array. `None` if the value is anything else.
+/// Elements of an array of two numbers; `None` for any other value.
 fn two_numbers(value: &Value) -> Option<[f64; 2]> {
     let [x, y] = value.as_array()?.as_slice() else { return None };
     Some([x.as_f64()?, y.as_f64()?])

@@ -7,15 +7,15 @@
 //!
 //! | deviation | derivative of the reading `h(p)` of a contact seen at `p`, with the gradient `g` |
 //! | --- | --- |
-//! | gain, stiffness | `h`, and `h (r - 1) / s` with the ratio `r` of the readings at the actual stiffness `s` |
+//! | gain, stiffness | `h`, and `h (r - 1) / s` with the relative deviation `s` of the stiffness and the ratio `r` of the readings with it to those without it |
 //! | offset, drift | `R`, and `R t`, with the largest calibrated reading `R` |
 //! | mount | `g . (-p_y, p_x)`, `g_x` and `g_y` |
 //! | latency | `g . dp/dt` of the resting contact |
 //!
-//! If the size of the object is unknown too, the logarithm of its scale `s` is a further state: as the whisker touches where the
-//! outline has its direction, which scaling does not change, a contact that has moved by `m` over the object since the touch moves
-//! by `m` per unit of `ln s`. If the object moves uniformly with an unknown velocity `v`, with a prior of its own, a contact has
-//! moved by `v t` more at the time `t` after the touch.
+//! If the size of the object is unknown too, the logarithm of its scale `c` is a further state. The whisker touches the outline
+//! where both have the same direction, which scaling does not change: a contact displaced by `m` relative to the object since the
+//! touch has the derivative `m` by `ln c`. If the object moves with an unknown constant velocity `v`, this is a further state with its
+//! own prior; at the time `t` after the touch it adds `v t` to the displacement.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -123,8 +123,9 @@ pub(super) struct Joint {
 pub(super) struct JointReading {
     /// Derivative by the contact in World.
     pub(super) by_contact: Vector2<f64>,
-    /// Displacement of the contact over the object since the touch, in World, and the time.
+    /// Displacement of the contact relative to the object since the touch, in World.
     pub(super) moved_m: Vector2<f64>,
+    /// Time since the touch.
     pub(super) since_touch_s: f64,
     /// Derivatives by the deviations.
     pub(super) by_deviations: [f64; COUNT],
@@ -170,7 +171,7 @@ impl Joint {
         self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
-    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` over the object in the time since the touch.
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` relative to the object in the time since the touch.
     pub(super) fn sd_m(&self, moved_m: Vector2<f64>, since_touch_s: f64) -> f64 {
         let slope = |axis: usize| {
             let mut slope = SVector::<f64, STATES>::zeros();

@@ -60,7 +60,7 @@ pub struct BoundAt {
     pub deviating_sd_m: f64,
     /// The same if the size of the object is unknown as well.
     pub unsized_sd_m: f64,
-    /// The same if the object moves uniformly with an unknown velocity as well; that of [`Self::unsized_sd_m`] if it is at rest.
+    /// The same if the object moves with an unknown constant velocity as well; equal to [`Self::unsized_sd_m`] if it is at rest.
     pub moving_sd_m: f64,
     /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
@@ -106,7 +106,7 @@ impl TraceBound {
         Some(Self { instants })
     }
 
-    /// The bound with the unknown deviations, size and velocity of the trial, for the trace, face and noise of [`Self::new`]:
+    /// Adds the bounds with unknown deviations, size and velocity, for the same trace, face and noise as in [`Self::new`]:
     /// [`BoundAt::deviating_sd_m`], [`BoundAt::unsized_sd_m`] and [`BoundAt::moving_sd_m`].
     #[must_use]
     pub fn with_deviations(
@@ -134,7 +134,7 @@ impl TraceBound {
                 touched = at.vector();
                 joints.iter_mut().for_each(|joint| joint.touch(&prior_m2(face, &known.base, seen)));
             }
-            // Displacement over the object.
+            // Displacement relative to the object.
             let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s;
             let is_plain = truth.tip != Some(true) && truth.split != Some(true);
             if let Some(expected) = face.predict(seen).filter(|_| is_plain) {

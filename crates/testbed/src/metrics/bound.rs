@@ -27,7 +27,7 @@ pub const DEVIATING_RMSE: Metric = Metric {
 /// Bound for unknown deviations and an unknown size.
 pub const UNSIZED_RMSE: Metric = Metric {
     name: "unsized_bound_rmse_m",
-    about: "deviating_bound_rmse_m for an estimator that knows the motion of the object, and its shape up to its size",
+    about: "deviating_bound_rmse_m for an estimator that knows the shape and the motion of the object, but not its size",
     summary: Summary::Median,
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.unsized_sd_m).collect::<Vec<f64>>()),
 };
@@ -35,7 +35,7 @@ pub const UNSIZED_RMSE: Metric = Metric {
 /// Bound for unknown deviations, size and velocity.
 pub const MOVING_RMSE: Metric = Metric {
     name: "moving_bound_rmse_m",
-    about: "unsized_bound_rmse_m for an object that moves uniformly with an unknown velocity",
+    about: "unsized_bound_rmse_m if the constant velocity of a moving object is unknown too; the same for an object at rest",
     summary: Summary::Median,
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.moving_sd_m).collect::<Vec<f64>>()),
 };

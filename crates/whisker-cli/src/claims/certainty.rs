@@ -99,12 +99,12 @@ fn is_possible(trial: &TrialRow) -> bool {
     trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M)
 }
 
-/// Share (%) of the trials whose error is expected to exceed `error_m` at the bound with unknown size and deviations.
+/// Expected share (%) of the trials whose error exceeds `error_m`, for an estimator at the bound with unknown size and deviations.
 fn expected_failures(context: &Context, polygons: bool, error_m: f64) -> Option<f64> {
     expected_above(trials(context, polygons).into_iter(), &bound::UNSIZED_RMSE, error_m)
 }
 
-/// The error that is exceeded in `share` (%) of the trials then.
+/// The error that this estimator is expected to exceed in `share` (%) of the trials.
 fn expected_quantile_m(context: &Context, polygons: bool, share: f64) -> Option<f64> {
     let (mut low_m, mut high_m) = (0.0, LONGEST_M);
     for _ in 0..HALVINGS {

@@ -130,12 +130,12 @@ fn observable(context: &Context) -> anyhow::Result<impl Iterator<Item = &TrialRo
 /// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time, and
 /// how many are expected to be accurate.
 fn accuracy_of_moving() -> [Claim; 2] {
-    let observable_trials = "among those whose bound with unknown velocity and size is at most 0.3 mm";
+    let observable_trials = "of the trials whose Cramer-Rao bound with unknown velocity and size is at most 0.3 mm";
     [
         Claim::at_least(
             "contacts_moving_accurate_or_doubtful".into(),
             MOVING.about(&format!(
-                "trials with a steady RMSE of at most 0.3 mm, or in doubt within 0.5 s, {observable_trials}"
+                "{observable_trials}: those with a steady RMSE of at most 0.3 mm, or in doubt within 0.5 s"
             )),
             90.0,
             "%",
@@ -144,8 +144,8 @@ fn accuracy_of_moving() -> [Claim; 2] {
         Claim::at_least(
             "contacts_moving_expected".into(),
             format!(
-                "random contacts: {}: expected share of trials with an error of at most 0.3 mm, if it is normally distributed with the \
-                 bound as its RMS, {observable_trials}",
+                "random contacts: {}: {observable_trials}: expected share with an error of at most 0.3 mm, if the error is normally \
+                 distributed and its standard deviation is this bound",
                 MOVING.description
             ),
             90.0,

@@ -1,4 +1,4 @@
-//! Objects that are not convex, and objects that move: outlines, second contacts, accuracy with its limits, and doubt.
+//! Objects that are not convex, and objects that move: outlines, second contacts, accuracy and its bounds, and doubt.
 
 use testbed::metrics::{bound, consistency, contour, doubt, error, second};
 use testbed::results::TrialRow;
@@ -116,18 +116,19 @@ fn accurate_or_in_doubt((object, words): (&'static str, &'static str), whisker: 
     )
 }
 
-/// Share (%) of the trials that are expected to be accurate, without doubt, if the error has the bound of a moving object as its RMS.
+/// Expected share (%) of accurate trials, not counting those in doubt, if the error of each trial is normally distributed with the
+/// bound of a moving object as its standard deviation.
 pub(super) fn expected_accurate<'a>(trials: impl Iterator<Item = &'a TrialRow>) -> Option<f64> {
     expected_above(trials, &bound::MOVING_RMSE, ACCURATE_M).map(|share| 100.0 - share)
 }
 
-/// The expected share of accurate trials on a moving object, a property of the scenes.
+/// The expected share of accurate trials on a moving object, which depends on scenes and noise, not on the estimator.
 fn expected_to_be_accurate((object, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
     Claim::at_least(
         format!("moving_{object}_{whisker}_expected"),
         format!(
-            "suite {RUN}: {words}, {whisker} whisker: expected share of trials with an error of at most 0.3 mm, if it is normally \
-             distributed with the bound with unknown velocity and size as its RMS"
+            "suite {RUN}: {words}, {whisker} whisker: expected share of trials with an error of at most 0.3 mm, if the error is normally \
+             distributed and its standard deviation is the Cramer-Rao bound with unknown velocity and size"
         ),
         90.0,
         "%",

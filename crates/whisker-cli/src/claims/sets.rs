@@ -107,9 +107,9 @@ pub(super) fn doubt_false_per_min(sets: Vec<Set<'_>>) -> Option<f64> {
     (minutes > 0.0).then(|| total(&doubt::ALARMS) / minutes)
 }
 
-/// Share (%) of the trials in which an error with a bound as its RMS is expected to exceed `error_m`, if it is one displacement per
-/// trial, with a normal distribution: the errors along the wire are by far the largest, and those of calibration, size and velocity
-/// are constant.
+/// Expected share (%) of the trials whose error exceeds `error_m` for an estimator at the bound. The error of a trial is taken as one
+/// normally distributed value with the bound as its standard deviation: the error along the wire is by far the largest, and the
+/// calibration, size and velocity that cause it are constant in a trial.
 pub(super) fn expected_above<'a>(
     trials: impl Iterator<Item = &'a TrialRow>,
     bound: &Metric,

@@ -1,4 +1,4 @@
-//! Banks that are stored during a touch, with which a new touch of the same object begins.
+//! Banks stored during a touch, from which the next touch of the same object begins.
 
 use filters::Bank;
 

@@ -1,7 +1,7 @@
 //! Common part of the filters with Gaussian hypotheses, which differ in prediction and update only.
 //!
 //! The settings are those of [`config`]. A contact may reach the tip ([`tip`]), jump to another place of the object and return
-//! ([`places`]), and a touch may begin with the belief of the last one ([`kept`]).
+//! ([`places`]), and a touch may begin with the belief of the previous one ([`kept`]).
 
 mod config;
 mod kept;

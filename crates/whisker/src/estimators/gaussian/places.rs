@@ -1,4 +1,4 @@
-//! Other places of the object: a contact that jumps, and one that returns to a place that it has left.
+//! Other places on the object: contacts that jump, and contacts that return to a place they have left.
 
 use filters::{Bank, Gaussian, Innovation, robust};
 use nalgebra::{Matrix2, SVector, Vector1, Vector2};

@@ -1,4 +1,5 @@
-//! A contact that has reached the tip: the readings there have another meaning, and the belief cannot follow it.
+//! Contacts at or past the tip. The model of a contact on the side does not apply there, so that these readings are left out until
+//! the contact is found again.
 
 use filters::{Gaussian, Innovation};
 use nalgebra::Vector1;

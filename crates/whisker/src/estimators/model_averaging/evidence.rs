@@ -1,5 +1,5 @@
-//! Probabilities of the candidates, from the likelihoods of their innovations; among them those of motion and friction, and the signal
-//! that the object moves.
+//! Probabilities of the candidates, from the likelihoods of their innovations; the probabilities of motion and of friction that
+//! follow from them; and the signal that the object moves.
 
 use filters::imm::Transition;
 use filters::{Innovation, robust};

@@ -17,12 +17,12 @@
 //! than stated, `ln det S` would favour the candidate whose contact has the smallest variance, whatever its residuals. In the
 //! evidence, `S` is therefore multiplied by the running mean of the mixture's normalised innovations squared, if this is below 1.
 //!
-//! The object, and with it the right candidate, may change: transitions occur at a constant rate, into the candidates
-//! in proportion to their priors. A rejected candidate can therefore recover within a small multiple of the number of
+//! The object, and with it the right candidate, may change: transitions occur at a constant rate, to each candidate
+//! in proportion to its prior. A rejected candidate can therefore recover within a small multiple of the number of
 //! readings that reject the others.
 //!
-//! The settings are those of [`config`]. At a sample the candidates take their steps ([`onset`]), are weighed by their [`evidence`], and
-//! make up the estimate ([`mixture`]) and the outline ([`outline`]); then it is tested for a [`second_contact`].
+//! The settings are those of [`config`]. At each sample the candidates are updated ([`onset`]), weighted by their [`evidence`], and
+//! combined to the estimate ([`mixture`]) and the outline ([`outline`]); then the sample is tested for a [`second_contact`].
 
 mod config;
 mod evidence;

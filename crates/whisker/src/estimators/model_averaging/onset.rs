@@ -1,4 +1,4 @@
-//! Steps of the candidates. At the onset of a touch some are late: they take blocks of samples.
+//! Steps of the candidates. At the onset of a touch, some are updated late, with the means of blocks of samples.
 
 use super::AveragingTracker;
 use crate::estimators::block::Latecomers;

@@ -14,7 +14,7 @@
 //!
 //! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the
 //! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.
-//! The work is divided among the samples. The unknown part of the tilt is none of the unknowns of the fit: it is filtered at the
+//! The work is divided among the samples. The unknown part of the tilt is not an unknown of the fit: it is filtered at the
 //! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge,
 //! the fit begins anew with the later readings.
 //!

@@ -1,4 +1,4 @@
-//! Estimate at the present sample, which the modes do not include yet.
+//! Estimate at the present sample, whose reading is not yet part of the fit.
 
 use filters::{Gaussian, Innovation};
 use nalgebra::{Matrix3, SMatrix, SVector};

@@ -1,4 +1,4 @@
-//! Search for the object that explains the readings, by the Levenberg-Marquardt method, a few readings per step.
+//! Levenberg-Marquardt search for the object that explains the readings, with a few readings per step.
 
 use std::cmp::Ordering;
 
