@@ -7,7 +7,7 @@
 //!
 //! | deviation | derivative of the reading `h(p)` of a contact seen at `p`, with the gradient `g` |
 //! | --- | --- |
-//! | gain, stiffness | `h`, and `h (r - 1) / s` with the relative deviation `s` of the stiffness and the ratio `r` of the readings with it to those without it |
+//! | gain, stiffness | `h`, and `h (r - 1) / s` with the deviation `s` of the stiffness and the ratio `r` of the readings with and without it |
 //! | offset, drift | `R`, and `R t`, with the largest calibrated reading `R` |
 //! | mount | `g . (-p_y, p_x)`, `g_x` and `g_y` |
 //! | latency | `g . dp/dt` of the resting contact |
@@ -171,7 +171,8 @@ impl Joint {
         self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
-    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` relative to the object in the time since the touch.
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` relative to the object in the time since the
+    /// touch.
     pub(super) fn sd_m(&self, moved_m: Vector2<f64>, since_touch_s: f64) -> f64 {
         let slope = |axis: usize| {
             let mut slope = SVector::<f64, STATES>::zeros();

@@ -5,8 +5,8 @@ use testbed::results::TrialRow;
 use testbed::statistics::{mean, median, quantile};
 
 use super::sets::{
-    Set, coverage_of, doubt_false_per_min, doubt_found, expected_above, nis_of_missed, overconfident, sets_of, share,
-    sidecar,
+    Set, allows, coverage_of, doubt_false_per_min, doubt_found, expected_above, nis_of_missed, overconfident, sets_of,
+    share, sidecar,
 };
 use super::{Claim, Context, RECOMMENDED, contacts, friction, hollow};
 
@@ -96,7 +96,7 @@ fn possible(context: &Context, polygons: bool) -> impl Iterator<Item = &TrialRow
 }
 
 fn is_possible(trial: &TrialRow) -> bool {
-    trial.get(&bound::UNSIZED_RMSE).is_some_and(|bound_m| bound_m <= FAILED_M)
+    allows(trial, &bound::UNSIZED_RMSE, FAILED_M)
 }
 
 /// Expected share (%) of the trials whose error exceeds `error_m`, for an estimator at the bound with unknown size and deviations.

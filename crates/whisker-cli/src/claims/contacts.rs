@@ -6,7 +6,7 @@ use testbed::results::TrialRow;
 use testbed::statistics::mean;
 
 use super::hollow::{ACCURATE_M, HOLLOW, expected_accurate, is_accurate_or_in_doubt};
-use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share};
+use super::sets::{Set, allows, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share};
 use super::{Claim, Context, RECOMMENDED, percent};
 
 /// Name of the suite and of its run.
@@ -123,8 +123,7 @@ fn second_contacts() -> [Claim; 3] {
 
 /// Trials with a moving object whose bound with unknown velocity, size and deviations is at most [`ACCURATE_M`].
 fn observable(context: &Context) -> anyhow::Result<impl Iterator<Item = &TrialRow>> {
-    let is_observable = |trial: &&TrialRow| trial.get(&bound::MOVING_RMSE).is_some_and(|bound_m| bound_m <= ACCURATE_M);
-    Ok(MOVING.trials(context)?.filter(is_observable))
+    Ok(MOVING.trials(context)?.filter(|trial| allows(trial, &bound::MOVING_RMSE, ACCURATE_M)))
 }
 
 /// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time, and

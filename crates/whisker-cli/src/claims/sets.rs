@@ -107,6 +107,11 @@ pub(super) fn doubt_false_per_min(sets: Vec<Set<'_>>) -> Option<f64> {
     (minutes > 0.0).then(|| total(&doubt::ALARMS) / minutes)
 }
 
+/// Whether the bound of a trial is known and at most `error_m`.
+pub(super) fn allows(trial: &TrialRow, bound: &Metric, error_m: f64) -> bool {
+    trial.get(bound).is_some_and(|bound_m| bound_m <= error_m)
+}
+
 /// Expected share (%) of the trials whose error exceeds `error_m` for an estimator at the bound. The error of a trial is taken as one
 /// normally distributed value with the bound as its standard deviation: the error along the wire is by far the largest, and the
 /// calibration, size and velocity that cause it are constant in a trial.

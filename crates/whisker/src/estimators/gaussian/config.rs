@@ -55,10 +55,11 @@ pub(in crate::estimators) struct Config<Filter> {
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
     /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
-    /// [`Tracker::expect_jumps`](crate::estimators::Tracker::expect_jumps) is called; requires `kept_share` and `search`. 0: the contact does not return, neither to such
-    /// a place nor to that of [`Tracker::expect_return`](crate::estimators::Tracker::expect_return).
+    /// [`expect_jumps`](crate::estimators::Tracker::expect_jumps) is called; requires `kept_share` and `search`. 0: the contact does
+    /// not return, neither to such a place nor to that of [`expect_return`](crate::estimators::Tracker::expect_return).
     pub return_rate: f64,
-    /// Systematic errors of readings and poses for [`Tracker::systematic_m2`](crate::estimators::Tracker::systematic_m2); the filter itself has none.
+    /// Systematic errors of readings and poses for [`systematic_m2`](crate::estimators::Tracker::systematic_m2); the filter itself
+    /// has none.
     pub systematic: SystematicSettings,
     /// Settings of this filter alone.
     pub filter: Filter,
