@@ -1,6 +1,6 @@
 """Contact estimator in about a hundred lines: a bank of extended Kalman filters for a contact at rest in space.
 
-    whisker evaluate datasets/pins100 --exec "python examples/my_filter.py"
+    whisker evaluate datasets/standard --exec "python examples/my_filter.py"
 
 A single reading cannot distinguish a light push near the tip from a firm one near the root. Each contact therefore begins with one
 hypothesis per calibrated position along the whisker that explains the reading. Each hypothesis is a Kalman filter, weighted by its

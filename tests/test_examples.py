@@ -1,13 +1,17 @@
 """Example programs, without the command `whisker`."""
 
 import json
+import math
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+STREAM = runpy.run_path(str(ROOT / "examples" / "own-data" / "stream.py"))
 
 
 def moments_n_m(at_m: np.ndarray) -> np.ndarray:
@@ -63,3 +67,16 @@ def test_each_filter_rejects_the_protocol_of_the_other() -> None:
         done = subprocess.run(command, input=line, capture_output=True, text=True, check=False, cwd=ROOT)
         assert done.returncode == 1
         assert f"protocol: found {protocol}, expected {expected}" in done.stderr
+
+
+def test_the_stream_converts_counts_to_moments() -> None:
+    characteristic = [-3e7, 4e9, -1e15]
+    for moment_n_m in (-2.5e-5, -1e-6, 0.0, 2.5e-5):
+        counts = sum(of * moment_n_m**power for power, of in enumerate(characteristic, start=1))
+        assert STREAM["moment_n_m"](counts, characteristic) == pytest.approx(moment_n_m, abs=1e-12)
+
+
+def test_the_stream_states_the_pose_of_the_root() -> None:
+    """The flange points along +y: the root is 30 mm ahead of it and 10 mm to its right, and points along -x."""
+    found = STREAM["base"]((0.4, 0.1, math.pi / 2))
+    assert found == pytest.approx({"base_x_m": 0.41, "base_y_m": 0.13, "base_yaw_rad": math.pi})
