@@ -303,7 +303,7 @@ impl Trial {
         Ok(column(py, errors))
     }
 
-    /// Posterior Cramer-Rao bound along the trial, see `cramer_rao_bound`.
+    /// Posterior Cramér–Rao bound along the trial, see `cramer_rao_bound`.
     #[getter(bound)]
     fn bound_rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         py.detach(|| self.bound());
@@ -329,7 +329,7 @@ impl Trial {
     }
 }
 
-/// Posterior Cramer-Rao bound along a trace: lower bound of the root mean square contact error of any estimator with the same
+/// Posterior Cramér–Rao bound along a trace: lower bound of the root mean square contact error of any estimator with the same
 /// readings.
 ///
 /// `noise_sd_n_m` is the standard deviation of the measurement noise (N m), `base_noise` (3, 3) the covariance of the base's

@@ -68,7 +68,7 @@ def test_verif_figures_draw_bound_errors_and_outline(trial):
     replay = trial.replay("recommended")
     axes = wc.plot_sweep(trial, {"recommended": replay})
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["recommended", "recommended, stated", "Cramer-Rao bound"]
+    assert labels == ["recommended", "recommended, stated", "Cramér–Rao bound"]
     axes.figure.canvas.draw()
     assert not axes.bbox.overlaps(axes.get_legend().get_window_extent())
     axes = wc.plot_outline(trial, replay)

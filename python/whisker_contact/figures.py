@@ -26,7 +26,7 @@ def _axes(function: str, axes: Any) -> Any:
 
 
 def plot_sweep(trial: Trial, replays: Replay | Mapping[str, Replay], axes: Any = None) -> Any:
-    """Contact error of replays over time, with the standard deviation that they state and the posterior Cramer-Rao bound.
+    """Contact error of replays over time, with the standard deviation that they state and the posterior Cramér–Rao bound.
 
     `replays` is one replay, or several by their labels. Draws on `axes`, by default new ones, and returns them.
     """
@@ -36,7 +36,7 @@ def plot_sweep(trial: Trial, replays: Replay | Mapping[str, Replay], axes: Any =
     for (label, replay), color in zip(labelled.items(), cycle(_COLORS), strict=False):
         axes.plot(t_s, 1e3 * trial.errors_m(replay), linewidth=1.0, color=color, label=label)
         axes.plot(t_s, 1e3 * replay.sd_m, linewidth=1.5, linestyle=":", color=color, label=f"{label}, stated")
-    axes.plot(t_s, 1e3 * trial.bound["bound_m"], color="black", linewidth=1.5, label="Cramer-Rao bound")
+    axes.plot(t_s, 1e3 * trial.bound["bound_m"], color="black", linewidth=1.5, label="Cramér–Rao bound")
     axes.set(xlabel="time (s)", ylabel="contact error (mm)", yscale="log", title=trial.trace.name)
     # To the right of the axes the legend covers neither data nor title.
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))

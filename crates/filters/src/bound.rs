@@ -1,7 +1,7 @@
-//! Posterior Cramer-Rao bound: a lower bound on the error covariance of any estimator.
+//! Posterior Cramér–Rao bound: a lower bound on the error covariance of any estimator.
 //!
 //! The error covariance is at least `J^-1`, where `J` is the information of the prior and of all readings so far.
-//! Tichavsky, Muravchik and Nehorai ("Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE
+//! Tichavsky, Muravchik and Nehorai ("Posterior Cramér–Rao bounds for discrete-time nonlinear filtering", IEEE
 //! Transactions on Signal Processing 46(5), 1998) compute it recursively. For additive Gaussian noise their recursion
 //! (equations 21 and 34 to 36) is, by the matrix inversion lemma,
 //!
@@ -63,7 +63,7 @@ pub fn information<const N: usize, const M: usize>(
     Some(symmetrised(h.transpose() * factor.solve(&h)))
 }
 
-/// Posterior Cramer-Rao bound along one trajectory.
+/// Posterior Cramér–Rao bound along one trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound<const N: usize> {
     information: SMatrix<f64, N, N>,

@@ -16,7 +16,7 @@
 //! | [`robust`] | updates in which an outlier has bounded influence |
 //! | [`smoother`] | Rauch-Tung-Striebel smoother |
 //! | [`batch`] | maximum a posteriori trajectory by the Gauss-Newton method |
-//! | [`bound`] | posterior Cramer-Rao bound |
+//! | [`bound`] | posterior Cramér–Rao bound |
 //! | [`quantile`] | quantiles of the normal and the chi-square distribution |
 //! | [`least_squares`] | Levenberg-Marquardt and Gauss-Newton methods |
 //!

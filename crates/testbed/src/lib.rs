@@ -16,7 +16,7 @@
 //! | [`replay`], [`participant`] | causal replay of a trace through a registered estimator or an external program |
 //! | [`evaluate`] | every participant on every trial: parallel, resumable, divisible among processes |
 //! | [`metrics`], [`consistency`], [`contact_events`] | scores of the estimates against the truth |
-//! | [`bound`] | posterior Cramer-Rao bound along a trace |
+//! | [`bound`] | posterior Cramér–Rao bound along a trace |
 //! | [`contour`], [`map`] | outlines of objects, and maps from several whiskers |
 //! | [`plausibility`] | tests of a trace that a wrong unit, sign or rate would break |
 //! | [`results`] | files of a run, the only input of the crate `report` |

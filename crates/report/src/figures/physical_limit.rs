@@ -1,4 +1,4 @@
-//! Root mean square error over trials against the posterior Cramer-Rao bound, over time, one column per whisker.
+//! Root mean square error over trials against the posterior Cramér–Rao bound, over time, one column per whisker.
 
 use anyhow::Result;
 use whisker::estimators::MethodClass;

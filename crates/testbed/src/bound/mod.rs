@@ -1,4 +1,4 @@
-//! Posterior Cramer-Rao bound of a trial: lower bound of the contact error for any estimator with the same readings.
+//! Posterior Cramér–Rao bound of a trial: lower bound of the contact error for any estimator with the same readings.
 //!
 //! The bound ([`filters::bound`]) is evaluated along the trace at the true contacts, with the calibrated sensor model
 //! and the measurement noise; model errors are excluded, since a better model would not have them. The state is the

@@ -25,7 +25,7 @@ pub(super) struct LoadedTrial<'a> {
     pub(super) displaced: Option<Recording>,
     /// Ratios of the readings to those with the calibrated stiffness, see [`stiffness_ratios`].
     pub(super) stiffness_ratios: Option<Vec<f64>>,
-    /// Posterior Cramer-Rao bound by noise level.
+    /// Posterior Cramér–Rao bound by noise level.
     bounds: Vec<OnceLock<Option<TraceBound>>>,
 }
 

@@ -33,7 +33,7 @@ pub(super) struct Sensed<'a> {
     pub(super) touched: Vec<Option<Face>>,
     /// True and detected contacts. `None` if the truth is unknown.
     pub(super) events: Option<Events>,
-    /// Posterior Cramer-Rao bound. `None` without noise or truth.
+    /// Posterior Cramér–Rao bound. `None` without noise or truth.
     pub(super) bound: Option<&'a TraceBound>,
     /// True strokes and touched part of the outline.
     pub(super) ground_truth: Cow<'a, GroundTruth>,
@@ -99,7 +99,7 @@ impl Prepared {
         SensorInput { sidecar: &spec.recorded, sensor: spec.sensor.as_ref(), ..input }
     }
 
-    /// Posterior Cramer-Rao bound of a trial at a noise level.
+    /// Posterior Cramér–Rao bound of a trial at a noise level.
     fn bound(&self, loaded: &LoadedTrial<'_>, noise: f64) -> Option<TraceBound> {
         let spec = loaded.spec;
         let faces = self.calibration(spec).faces(None);

@@ -24,7 +24,7 @@ pub(super) struct OverTime {
     pub(super) states: Vec<(u64, State)>,
 }
 
-/// Error, consistency and posterior Cramer-Rao bound at one instant.
+/// Error, consistency and posterior Cramér–Rao bound at one instant.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 pub(super) struct State {
     error_m: f64,

@@ -1,4 +1,4 @@
-//! Errors relative to the Cramer-Rao bound, see [`crate::bound`].
+//! Errors relative to the Cramér–Rao bound, see [`crate::bound`].
 
 use super::{Contact, Metric, Scored, Summary};
 use crate::bound::BoundAt;
@@ -8,10 +8,10 @@ use crate::statistics::rms;
 /// over the whole whisker, which an estimator that remembers the object from a previous touch does not have.
 const SETTLED_S: f64 = 1.0;
 
-/// Cramer-Rao bound.
+/// Cramér–Rao bound.
 pub const RMSE: Metric = Metric {
     name: "bound_rmse_m",
-    about: "posterior Cramer-Rao bound of rmse_m for a contact with known sliding motion, excluding the first second of each touch",
+    about: "posterior Cramér–Rao bound of rmse_m for a contact with known sliding motion, excluding the first second of each touch",
     summary: Summary::Median,
     measure: bound_rmse_m,
 };

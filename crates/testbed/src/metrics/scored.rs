@@ -32,7 +32,7 @@ pub struct Trial<'a> {
     pub readings_n_m: &'a [f64],
     /// True and detected contact events. `None` if the truth is unknown.
     pub events: Option<&'a Events>,
-    /// Cramer-Rao bound. `None` without noise or truth.
+    /// Cramér–Rao bound. `None` without noise or truth.
     pub bound: Option<&'a TraceBound>,
     /// Strokes and touched part of the outline.
     pub ground_truth: &'a GroundTruth,

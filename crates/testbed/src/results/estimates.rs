@@ -132,7 +132,7 @@ pub struct EventRow {
 pub struct BoundRow {
     /// Time since the start of the trace.
     pub t_s: f64,
-    /// Posterior Cramer-Rao bound of the root mean square error.
+    /// Posterior Cramér–Rao bound of the root mean square error.
     pub bound_m: f64,
     /// The same bound from the readings of the last half second alone. `None` if their information matrix is singular.
     pub window_m: Option<f64>,

@@ -149,7 +149,7 @@ run_files! {
     ERROR_OVER_TIME = "error_over_time.csv", Run, Evaluate, table!(ErrorBandRow, "errors over time"),
         "distribution of the contact error over the trials of a set, in bins of 20 ms since the touch";
     CONSISTENCY = "consistency.csv", Run, Evaluate, table!(ConsistencyRow, "consistency over time"),
-        "average NEES and NIS with their 95 % intervals, error and posterior Cramer-Rao bound over the trials of a set, in bins of 0.1 s since the touch";
+        "average NEES and NIS with their 95 % intervals, error and posterior Cramér–Rao bound over the trials of a set, in bins of 0.1 s since the touch";
     CONTOURS = "contours.csv", Run, Evaluate, table!(ContourScoreRow, "scores of outlines"),
         "one row per group, whisker, estimator and noise level, for objects other than pins: outline found against the true one";
     CONTOUR_TRIALS = "contour_trials.csv", Run, Evaluate, table!(ContourTrialRow, "trials of outlines"),
@@ -159,7 +159,7 @@ run_files! {
     ESTIMATES = "estimates/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(EstimateRow, "estimates"),
         "one row per instant, at the first noise level and seed";
     BOUND = "bounds/<trace>.csv", Trace, Evaluate, table!(BoundRow, "bound"),
-        "one row per instant of contact: posterior Cramer-Rao bound at the first noise level; no rows without noise or truth";
+        "one row per instant of contact: posterior Cramér–Rao bound at the first noise level; no rows without noise or truth";
     EVENTS = "events/<trace>.<detector>.csv", TraceAndDetector, Evaluate, table!(EventRow, "contact events"),
         "one row per instant, at the first noise level and seed: state of each contact detector";
     OUTLINE = "outlines/<trace>.csv", OutlinedTrace, Evaluate, OUTLINE_ROWS,

@@ -26,7 +26,7 @@ pub struct ErrorBandRow {
     pub p90_m: f64,
 }
 
-/// Consistency over the trials of a set at one time since the touch, with the posterior Cramer-Rao bound. Each average
+/// Consistency over the trials of a set at one time since the touch, with the posterior Cramér–Rao bound. Each average
 /// comes with the interval that contains 95 % of the averages of a consistent estimator; it is `None` if no trial has a
 /// value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,7 +46,7 @@ pub struct ConsistencyRow {
     pub trials: usize,
     /// Root mean square error over those trials.
     pub rmse_m: f64,
-    /// Root mean square over those trials of the posterior Cramer-Rao bound.
+    /// Root mean square over those trials of the posterior Cramér–Rao bound.
     pub bound_m: Option<f64>,
     /// Average normalised estimation error squared.
     pub anees: Option<f64>,

@@ -1,4 +1,4 @@
-//! Posterior Cramer-Rao bound of a trace in space.
+//! Posterior Cramér–Rao bound of a trace in space.
 //!
 //! As the planar bound ([`crate::bound`]): along the true contacts, with the calibrated sensor model and the measurement noise,
 //! without model errors. The prior at a touch is the calibrated part of the undeflected whisker. Readings of contacts outside the

@@ -80,7 +80,7 @@ pub struct SpatialTrialRow {
     pub rmse_m: Option<f64>,
     /// RMS error out of the plane of wire and force at the contact.
     pub out_of_plane_m: Option<f64>,
-    /// RMS of the posterior Cramer-Rao bound with known sliding.
+    /// RMS of the posterior Cramér–Rao bound with known sliding.
     pub bound_m: Option<f64>,
     /// RMS of the bound of a contact with an unknown object over all instants that are scored, also those without an estimate.
     /// `None` if the object is no rod, cylinder, edge or sphere.
