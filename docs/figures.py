@@ -216,16 +216,26 @@ def in_style(value: float, style: str, unit: str | None = None) -> str:
     return re.sub(r"e([-+])0*(\d)", lambda match: "e" + match[1].replace("+", "") + match[2], text)
 
 
-def unmet() -> list[dict[str, str]]:
-    """Rows of the claims that do not hold."""
-    with (REFERENCE / "claims.csv").open(encoding="utf-8", newline="") as file:
-        return [row for row in csv.DictReader(file) if row["holds"] == "false"]
+def claims(name: str = "") -> list[dict[str, str]]:
+    """Rows of a set of claims, by the name of its folder."""
+    with (REFERENCE / name / "claims.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def unmet(name: str = "") -> list[dict[str, str]]:
+    """Rows of the claims of a set that do not hold."""
+    return [row for row in claims(name) if row["holds"] == "false"]
+
+
+def unmet_count(name: str = "") -> str:
+    """Number of the claims of a set that do not hold."""
+    return str(len(unmet(name)))
 
 
 def unmet_claims() -> str:
     """Table of the claims that do not hold."""
     lines = ["", "| claim | measured | bound | unit |", "| --- | --- | --- | --- |"]
-    lines += [f"| `{row['id']}` | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet()]
+    lines += [f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet()]
     return "\n".join([*lines, ""])
 
 
@@ -236,10 +246,9 @@ def claims_of(name: str) -> str:
         "| | measured | bound | unit | holds |",
         "| --- | --- | --- | --- | --- |",
     ]
-    with (REFERENCE / name / "claims.csv").open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            holds = {"true": "yes", "false": "no"}.get(row["holds"], "not measured")
-            lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
+    for row in claims(name):
+        holds = {"true": "yes", "false": "no"}.get(row["holds"], "not measured")
+        lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
     return "\n".join([*lines, ""])
 
 
@@ -257,7 +266,9 @@ GENERATED: dict[str, Callable[[], str]] = {
     "certainty_claims": functools.partial(claims_of, "certainty"),
     "space_claims": functools.partial(claims_of, "spatial"),
     "unmet_claims": unmet_claims,
-    "unmet_count": lambda: str(len(unmet())),
+    "unmet_count": unmet_count,
+    "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
+    "space_unmet_count": functools.partial(unmet_count, "spatial"),
 }
 """The registry of texts that are no single cell."""
 

@@ -179,7 +179,7 @@ fn errors_of(kind: &'static str, objects: &'static str, polygons: bool, most_fai
         ),
     ];
     claims.extend(LIMITS.map(|(id, metric, known)| {
-        let text = format!("random suite, {objects}: trials whose Cramer-Rao bound, {known}, exceeds 0.5 mm");
+        let text = format!("random suite, {objects}: trials whose Cramér–Rao bound, {known}, exceeds 0.5 mm");
         Claim::at_least(format!("random_{kind}_{id}"), text, most_failed, "%", move |context| {
             let bounds = trials(context, polygons).into_iter().filter_map(|trial| trial.get(&metric));
             Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
@@ -342,22 +342,22 @@ fn doubts() -> [Claim; 3] {
     ]
 }
 
-/// Miscalibrations of the pins, by their labels in the groups' names.
-const MISCALIBRATIONS: [(&str, &str); 5] = [
-    ("gain_1", "gain 1e-2"),
-    ("gain_5", "gain 5e-2"),
-    ("mount_angle", "mount rad 8.7e-3"),
-    ("mount_place", "mount y m 3e-4"),
-    ("stiffness_5", "stiffness 5e-2"),
+/// Miscalibrations of the pins: ids, labels in the groups' names, and descriptions.
+const MISCALIBRATIONS: [(&str, &str, &str); 5] = [
+    ("gain_1", "gain 1e-2", "gain of the sensor off by 1 %"),
+    ("gain_5", "gain 5e-2", "gain of the sensor off by 5 %"),
+    ("mount_angle", "mount rad 8.7e-3", "mount turned by 0.5 degrees"),
+    ("mount_place", "mount y m 3e-4", "mount displaced sideways by 0.3 mm"),
+    ("stiffness_5", "stiffness 5e-2", "Young's modulus off by 5 %"),
 ];
 
 fn miscalibrations() -> Vec<Claim> {
-    let of_case = |(id, label): (&'static str, &'static str)| {
+    let of_case = |(id, label, what): (&'static str, &'static str, &'static str)| {
         let rows = move |context: &Context| -> Vec<TrialRow> {
             let group = format!("pin, {label}");
             context.run(MISCALIBRATED).trials_in(RECOMMENDED, |of| of == group).cloned().collect()
         };
-        let about = format!("pins of the standard suite, {label}, {RECOMMENDED}");
+        let about = format!("pins of the standard suite, {what}, {RECOMMENDED}");
         [
             Claim::at_least(
                 format!("miscalibrated_{id}_coverage"),

@@ -129,7 +129,7 @@ fn observable(context: &Context) -> anyhow::Result<impl Iterator<Item = &TrialRo
 /// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time, and
 /// how many are expected to be accurate.
 fn accuracy_of_moving() -> [Claim; 2] {
-    let observable_trials = "of the trials whose Cramer-Rao bound with unknown velocity and size is at most 0.3 mm";
+    let observable_trials = "of the trials whose Cramér–Rao bound with unknown velocity and size is at most 0.3 mm";
     [
         Claim::at_least(
             "contacts_moving_accurate_or_doubtful".into(),

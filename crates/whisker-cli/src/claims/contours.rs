@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use testbed::evaluate::{EvaluateSettings, evaluate};
 use testbed::metrics::{Metric, consistency, contour};
 
-use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS};
+use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS, in_words};
 
 /// Suite and run of the objects of the standard suite with more noise seeds.
 pub(super) const RUN: &str = "objects";
@@ -55,6 +55,7 @@ pub(super) fn claims() -> Vec<Claim> {
 
 fn circle(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     let online_mm = if (group, whisker) == ("circle_50", "curved") { 0.4 } else { 0.3 };
+    let object = in_words(group);
     let mut claims = Vec::new();
     for estimator in ONLINE {
         claims.push(length(group, whisker, estimator, contour::CONTACT_RMSE, online_mm));
@@ -63,7 +64,7 @@ fn circle(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     claims.extend(HINDSIGHT.iter().map(|estimator| length(group, whisker, estimator, contour::CONTACT_RMSE, 0.2)));
     claims.push(Claim::at_least(
         format!("static_{group}_{whisker}"),
-        format!("{group}, {whisker} whisker: contact error after 1 s of {PUBLISHED} over that of {RECOMMENDED}"),
+        format!("{object}, {whisker} whisker: contact error after 1 s of {PUBLISHED} over that of {RECOMMENDED}"),
         5.0,
         "times",
         move |context| {
@@ -75,7 +76,7 @@ fn circle(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     claims.push(Claim::at_least(
         format!("best_static_{group}_{whisker}"),
         format!(
-            "{group}, {whisker} whisker: contact error after 1 s of {PUBLISHED} or of ekf with a static contact, \
+            "{object}, {whisker} whisker: contact error after 1 s of {PUBLISHED} or of ekf with a static contact, \
              with the best of several fading factors, over that of {RECOMMENDED}"
         ),
         3.0,
@@ -103,7 +104,7 @@ fn length(group: &'static str, whisker: &'static str, estimator: &'static str, m
     let name = metric.name.trim_end_matches("_m");
     Claim::at_most(
         format!("{name}_{group}_{whisker}_{estimator}"),
-        format!("{group}, {whisker} whisker, {estimator}: {}, median over trials", metric.about),
+        format!("{}, {whisker} whisker, {estimator}: {}, median over trials", in_words(group), metric.about),
         bound_mm,
         "mm",
         move |context| {
@@ -123,7 +124,7 @@ fn coverage(group: &'static str, whisker: &'static str, estimator: &'static str)
             Ok(row.and_then(|row| row.get(&metric)).map(|share| 100.0 * share))
         };
         let id = format!("{}_{group}_{whisker}_{estimator}", metric.name);
-        let about = format!("{group}, {whisker} whisker, {estimator}: {}", metric.about);
+        let about = format!("{}, {whisker} whisker, {estimator}: {}", in_words(group), metric.about);
         claims.push(Claim::at_least(format!("{id}_least"), about.clone(), least, "%", measured));
         claims.push(Claim::at_most(format!("{id}_most"), about, most, "%", measured));
     }

@@ -4,7 +4,7 @@ use testbed::metrics::{consistency, error, friction};
 use testbed::results::TrialRow;
 use testbed::statistics::{mean, median};
 
-use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
+use super::{Claim, Context, RECOMMENDED, WHISKERS, in_words, percent};
 
 /// Run of the suite of contacts with friction.
 pub(super) const RUN: &str = "friction";
@@ -68,7 +68,8 @@ fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
         Claim::at_most(
             format!("friction_{object}_{whisker}_{percent}"),
             about(&format!(
-                "{object}, {whisker} whisker, coefficient {coefficient}: steady RMSE over that without friction, medians over trials"
+                "{}, {whisker} whisker, coefficient {coefficient}: steady RMSE over that without friction, medians over trials",
+                in_words(object)
             )),
             1.5,
             "times",

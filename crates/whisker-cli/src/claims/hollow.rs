@@ -4,7 +4,7 @@ use testbed::metrics::{bound, consistency, contour, doubt, error, second};
 use testbed::results::TrialRow;
 
 use super::sets::expected_above;
-use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
+use super::{Claim, Context, RECOMMENDED, WHISKERS, in_words, percent};
 
 /// Run of the suite of objects that are not convex or move.
 pub(super) const RUN: &str = "hollow";
@@ -81,7 +81,7 @@ fn outlines(object: &'static str, whisker: &'static str) -> [Claim; 2] {
     parts.map(|(id, what, most_mm, metric)| {
         Claim::at_most(
             format!("hollow_{id}_{object}_{whisker}"),
-            about(&format!("{object}, {whisker} whisker: {what}, median over trials")),
+            about(&format!("{}, {whisker} whisker: {what}, median over trials", in_words(object))),
             most_mm,
             "mm",
             move |context| {
@@ -128,7 +128,7 @@ fn expected_to_be_accurate((object, words): (&'static str, &'static str), whiske
         format!("moving_{object}_{whisker}_expected"),
         format!(
             "suite {RUN}: {words}, {whisker} whisker: expected share of trials with an error of at most 0.3 mm, if the error is normally \
-             distributed and its standard deviation is the Cramer-Rao bound with unknown velocity and size"
+             distributed and its standard deviation is the Cramér–Rao bound with unknown velocity and size"
         ),
         90.0,
         "%",

@@ -1,4 +1,4 @@
-//! A hundred trials per whisker on a pin: error over the Cramer-Rao bound, consistency, and comparison with the published filters.
+//! A hundred trials per whisker on a pin: error over the Cramér–Rao bound, consistency, and comparison with the published filters.
 
 use testbed::consistency::{Average, NEES_FREEDOM, NIS_FREEDOM};
 use testbed::metrics::{Metric, bound, consistency, error};
@@ -18,7 +18,7 @@ pub(super) fn claims() -> Vec<Claim> {
     of_whiskers.chain(published()).collect()
 }
 
-/// Error of the best filter relative to the Cramer-Rao bound.
+/// Error of the best filter relative to the Cramér–Rao bound.
 fn limit(whisker: &'static str) -> Vec<Claim> {
     let most_mm = if whisker == "curved" { 0.06 } else { 0.1 };
     let best = move |run: &Evaluation, metric: &Metric| run.best(GROUP, whisker, filters(), metric);
@@ -33,7 +33,7 @@ fn limit(whisker: &'static str) -> Vec<Claim> {
         Claim::at_most(
             format!("limit_{whisker}_ratio"),
             format!(
-                "100 trials on a pin, {whisker} whisker, best filter: steady RMSE over the Cramer-Rao bound, over all trials"
+                "100 trials on a pin, {whisker} whisker, best filter: steady RMSE over the Cramér–Rao bound, over all trials"
             ),
             1.25,
             "times",

@@ -3,7 +3,7 @@
 use testbed::consistency::NIS_TEST;
 use testbed::metrics::{Metric, error, radius};
 
-use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, monte_carlo};
+use super::{Claim, Evaluation, RECOMMENDED, WHISKERS, contours, in_words, monte_carlo};
 
 /// A filter that assumes a thin object.
 const STATIC: &str = "ukf";
@@ -22,7 +22,7 @@ fn value(run: &Evaluation, group: &str, whisker: &str, estimator: &str, metric: 
 
 /// Error and coverage of the stated radius.
 fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
-    let claim = format!("{group}, {whisker} whisker, {RECOMMENDED}: radius at the end");
+    let claim = format!("{}, {whisker} whisker, {RECOMMENDED}: radius at the end", in_words(group));
     vec![
         Claim::at_most(
             format!("motion_{group}_{whisker}_radius"),
@@ -45,7 +45,10 @@ fn sized(group: &'static str, whisker: &'static str) -> Vec<Claim> {
 fn noticed(group: &'static str, whisker: &'static str) -> Vec<Claim> {
     vec![Claim::at_least(
         format!("motion_{group}_{whisker}_noticed"),
-        format!("{group}, {whisker} whisker, {STATIC}: NIS over the upper end of its 95 % interval: the wrong model"),
+        format!(
+            "{}, {whisker} whisker, {STATIC}: NIS over the upper end of its 95 % interval: the wrong model",
+            in_words(group)
+        ),
         1.1,
         "times",
         move |context| {

@@ -3,7 +3,7 @@
 use testbed::space::SpatialRun;
 use testbed::space::evaluate::SpatialSummaryRow;
 
-use super::{Claim, Context, RECOMMENDED, Relation, WHISKERS};
+use super::{Claim, Context, RECOMMENDED, Relation, WHISKERS, in_words};
 
 /// Run of the suite.
 const RUN: &str = "spatial";
@@ -39,7 +39,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &["pins"],
         id: "rmse_over_bound",
-        what: "RMSE over the posterior Cramer-Rao bound with known sliding",
+        what: "RMSE over the posterior Cramér–Rao bound with known sliding",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
@@ -48,7 +48,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &["pins"],
         id: "rmse_over_object_bound",
-        what: "RMSE over the posterior Cramer-Rao bound of an unknown object",
+        what: "RMSE over the posterior Cramér–Rao bound of an unknown object",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
@@ -102,7 +102,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &["edges"],
         id: "direction_bound",
-        what: "posterior Cramer-Rao bound of the angle of the edge, a property of the scenes",
+        what: "posterior Cramér–Rao bound of the angle of the edge, a property of the scenes",
         relation: Relation::AtMost,
         bound: 1.2,
         unit: "degrees",
@@ -111,7 +111,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &["edges"],
         id: "direction_over_bound",
-        what: "angle between the estimated and the true edge, over its posterior Cramer-Rao bound",
+        what: "angle between the estimated and the true edge, over its posterior Cramér–Rao bound",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
@@ -165,7 +165,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &ROUND,
         id: "radius_bound",
-        what: "posterior Cramer-Rao bound of the relative error of the radius with an unknown object, a property of the scenes",
+        what: "posterior Cramér–Rao bound of the relative error of the radius with an unknown object, a property of the scenes",
         relation: Relation::AtMost,
         bound: 5.0,
         unit: "%",
@@ -174,7 +174,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &ROUND,
         id: "radius_over_bound",
-        what: "root mean square relative error of the last radius, over its posterior Cramer-Rao bound",
+        what: "root mean square relative error of the last radius, over its posterior Cramér–Rao bound",
         relation: Relation::AtMost,
         bound: 1.3,
         unit: "",
@@ -209,7 +209,7 @@ pub(super) fn claims() -> Vec<Claim> {
 }
 
 fn claim(score: &'static Score, group: &'static str, whisker: &'static str) -> Claim {
-    let about = format!("{group} in space, {whisker} whisker, {RECOMMENDED}: {}", score.what);
+    let about = format!("{} in space, {whisker} whisker, {RECOMMENDED}: {}", in_words(group), score.what);
     let measure = move |context: &Context| {
         let summary = SpatialRun::summary(&context.results.join(RUN))?;
         let row =
@@ -227,7 +227,7 @@ fn time() -> Claim {
         format!("space_{RECOMMENDED}_step_p99"),
         format!("{RECOMMENDED} in space: time of a step, 99th percentile"),
         150.0,
-        "us",
+        "µs",
         |context| {
             let times = SpatialRun::times(&context.results.join(RUN))?;
             Ok(times.iter().find(|row| row.estimator == RECOMMENDED).and_then(|row| row.p99_us))
