@@ -269,6 +269,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "unmet_count": unmet_count,
     "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
     "space_unmet_count": functools.partial(unmet_count, "spatial"),
+    "physics_unmet_count": functools.partial(unmet_count, "physics"),
 }
 """The registry of texts that are no single cell."""
 
