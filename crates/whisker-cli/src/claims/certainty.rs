@@ -46,7 +46,7 @@ pub(super) fn claims() -> Vec<Claim> {
 
 /// The sets of the random suite.
 fn sets(context: &Context) -> Vec<Set<'_>> {
-    sets_of(context, RANDOM, RANDOM)
+    sets_of(&context.run(RANDOM).trials)
 }
 
 fn is_polygon(set: &Set<'_>) -> bool {
@@ -261,7 +261,7 @@ fn outlines() -> Vec<Claim> {
 fn small(context: &Context) -> anyhow::Result<Vec<Set<'_>>> {
     let mut found = Vec::new();
     for set in sets(context).into_iter().filter(|set| set.object() == "circle") {
-        let radius_m = set.sidecar()?.scene["object"]["radius_m"].as_f64();
+        let radius_m = set.sidecar(RANDOM)?.scene["object"]["radius_m"].as_f64();
         if radius_m.is_some_and(|radius_m| radius_m <= SMALL_RADIUS_M) {
             found.push(set);
         }
@@ -301,7 +301,7 @@ fn lift_offs() -> Vec<Claim> {
         |context| {
             let mut ratios = Vec::new();
             for set in sets(context) {
-                if set.sidecar()?.scene["motion"]["kind"] != "lift_offs" {
+                if set.sidecar(RANDOM)?.scene["motion"]["kind"] != "lift_offs" {
                     continue;
                 }
                 let ratio = |trial: &&TrialRow| {
@@ -321,7 +321,7 @@ fn doubts() -> [Claim; 3] {
             about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s"),
             90.0,
             "%",
-            |context| Ok(doubt_found(sets(context))),
+            |context| Ok(doubt_found(&sets(context))),
         ),
         Claim::at_most(
             "random_doubt_nis".into(),
@@ -337,7 +337,7 @@ fn doubts() -> [Claim; 3] {
             about("signals of doubt per minute of contact, in sets with a coverage of at least 80 %"),
             0.02,
             "per minute",
-            |context| Ok(doubt_false_per_min(sets(context))),
+            |context| Ok(doubt_false_per_min(&sets(context))),
         ),
     ]
 }

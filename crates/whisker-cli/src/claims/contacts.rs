@@ -37,8 +37,8 @@ const MOVING: Condition = Condition {
 impl Condition {
     fn sets<'a>(&self, context: &'a Context) -> anyhow::Result<Vec<Set<'a>>> {
         let mut found = Vec::new();
-        for set in sets_of(context, RUN, RUN) {
-            if (self.is_in)(&set.sidecar()?.scene) {
+        for set in sets_of(&context.run(RUN).trials) {
+            if (self.is_in)(&set.sidecar(RUN)?.scene) {
                 found.push(set);
             }
         }
@@ -163,7 +163,7 @@ fn doubts() -> [Claim; 2] {
             about("trials of sets with a coverage below 60 % whose models are in doubt within 2 s"),
             90.0,
             "%",
-            |context| Ok(doubt_found(sets_of(context, RUN, RUN))),
+            |context| Ok(doubt_found(&sets_of(&context.run(RUN).trials))),
         ),
         Claim::at_most(
             "contacts_doubt_false".into(),
@@ -173,7 +173,7 @@ fn doubts() -> [Claim; 2] {
             |context| {
                 let mut at_rest = FRICTION.sets(context)?;
                 at_rest.extend(NOT_CONVEX.sets(context)?);
-                Ok(doubt_false_per_min(at_rest))
+                Ok(doubt_false_per_min(&at_rest))
             },
         ),
     ]

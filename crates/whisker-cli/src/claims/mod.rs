@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 
 use arm::RUN as ARM;
 
-use anyhow::bail;
+use anyhow::anyhow;
 use files::write_atomically;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
@@ -42,6 +42,8 @@ use testbed::results::{
     ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow, csv_bytes,
     read_rows, read_scores,
 };
+use testbed::space::SpatialRun;
+use testbed::space::evaluate::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::statistics::mean;
 
 /// Side of the bound on which a figure has to lie.
@@ -124,6 +126,8 @@ pub struct ClaimSet {
     topics: &'static [fn() -> Vec<Claim>],
     /// Runs that the claims are measured on.
     runs: &'static [&'static str],
+    /// Runs in space that the claims are measured on.
+    spatial_runs: &'static [&'static str],
     /// Run and file of each figure that the documentation shows.
     pub figures: &'static [(&'static str, &'static str)],
 }
@@ -134,18 +138,21 @@ pub const SETS: &[ClaimSet] = &[
         name: "standard",
         topics: TOPICS,
         runs: RUNS,
+        spatial_runs: &[],
         figures: &[(STANDARD, "physical_limit.svg"), (ARM, "scene_map.svg")],
     },
     ClaimSet {
         name: "certainty",
         topics: &[certainty::claims, contacts::claims, friction::claims, hollow::claims],
         runs: certainty::RUNS,
+        spatial_runs: &[],
         figures: &[],
     },
     ClaimSet {
         name: "space",
         topics: &[space::claims, space_recordings::claims, space_random::claims],
         runs: &[],
+        spatial_runs: &[space::RUN, space_random::RUN],
         figures: &[],
     },
 ];
@@ -192,6 +199,8 @@ pub struct MeasuredClaim {
 pub struct Context {
     /// The runs of the set, by name.
     runs: BTreeMap<&'static str, Evaluation>,
+    /// The runs of the set in space, by name.
+    spatial_runs: BTreeMap<&'static str, SpatialEvaluation>,
     /// Run of the recordings. `None` if they are missing.
     recordings: Option<Evaluation>,
     /// The standard suite. `None` if the set has no claims on it.
@@ -213,6 +222,14 @@ struct Evaluation {
     map_objects: Vec<MapObjectRow>,
 }
 
+/// An evaluated run in space.
+struct SpatialEvaluation {
+    run: SpatialRun,
+    summary: Vec<SpatialSummaryRow>,
+    trials: Vec<SpatialTrialRow>,
+    times: Vec<SpatialTimesRow>,
+}
+
 impl Context {
     /// Opens the evaluated runs of a set of claims in the folder of results, and the standard suite.
     ///
@@ -223,12 +240,16 @@ impl Context {
         for name in set.runs {
             runs.insert(*name, Evaluation::open(&results.join(name))?);
         }
+        let mut spatial_runs = BTreeMap::new();
+        for name in set.spatial_runs {
+            spatial_runs.insert(*name, SpatialEvaluation::open(&results.join(name))?);
+        }
         let suite = Path::new("scenes/suites").join(STANDARD).with_extension("json");
         let dataset = set.runs.contains(&STANDARD).then(|| Dataset::open(&suite, None)).transpose()?;
         let recordings = results.join(real::RUN);
         let recordings = recordings.join("run.json").is_file().then(|| Evaluation::open(&recordings)).transpose()?;
         let recordings = recordings.filter(real::is_whole);
-        Ok(Self { runs, recordings, dataset, results: results.into() })
+        Ok(Self { runs, spatial_runs, recordings, dataset, results: results.into() })
     }
 
     /// Names of the runs that claims are measured on.
@@ -250,12 +271,34 @@ impl Context {
     fn run(&self, name: &str) -> &Evaluation {
         &self.runs[name]
     }
+
+    /// One of the set's runs in space.
+    fn spatial(&self, name: &str) -> &SpatialEvaluation {
+        &self.spatial_runs[name]
+    }
+}
+
+impl SpatialEvaluation {
+    fn open(folder: &Path) -> anyhow::Result<Self> {
+        let Some(run) = SpatialRun::read(folder)? else { return Err(missing(folder)) };
+        Ok(Self {
+            run,
+            summary: SpatialRun::summary(folder)?,
+            trials: SpatialRun::trials(folder)?,
+            times: SpatialRun::times(folder)?,
+        })
+    }
+}
+
+/// The error that a run is missing.
+fn missing(folder: &Path) -> anyhow::Error {
+    anyhow!("{}: run not found; `cargo xtask reproduce` and `cargo xtask random` make the runs of claims", folder.display())
 }
 
 impl Evaluation {
     fn open(folder: &Path) -> anyhow::Result<Self> {
         if !folder.join("run.json").is_file() {
-            bail!("{}: run not found; make it with `cargo xtask reproduce`", folder.display());
+            return Err(missing(folder));
         }
         let run = Run::read(&folder.join("run.json"))?;
         let mut turns = BTreeMap::new();

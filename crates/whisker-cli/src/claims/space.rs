@@ -1,12 +1,11 @@
 //! Contacts in space: the suite of scenes in space.
 
-use testbed::space::SpatialRun;
 use testbed::space::evaluate::SpatialSummaryRow;
 
 use super::{Claim, Context, RECOMMENDED, Relation, WHISKERS, in_words};
 
 /// Run of the suite.
-const RUN: &str = "spatial";
+pub(super) const RUN: &str = "spatial";
 
 /// Groups of the suite.
 const GROUPS: [&str; 8] = ["pins", "edges", "box", "mesh", "cylinders", "cone", "sphere_20", "sphere_60"];
@@ -211,9 +210,11 @@ pub(super) fn claims() -> Vec<Claim> {
 fn claim(score: &'static Score, group: &'static str, whisker: &'static str) -> Claim {
     let about = format!("{} in space, {whisker} whisker, {RECOMMENDED}: {}", in_words(group), score.what);
     let measure = move |context: &Context| {
-        let summary = SpatialRun::summary(&context.results.join(RUN))?;
-        let row =
-            summary.iter().find(|row| row.group == group && row.whisker == whisker && row.estimator == RECOMMENDED);
+        let row = context
+            .spatial(RUN)
+            .summary
+            .iter()
+            .find(|row| row.group == group && row.whisker == whisker && row.estimator == RECOMMENDED);
         Ok(row.and_then(score.of))
     };
     let claim =
@@ -229,8 +230,7 @@ fn time() -> Claim {
         150.0,
         "µs",
         |context| {
-            let times = SpatialRun::times(&context.results.join(RUN))?;
-            Ok(times.iter().find(|row| row.estimator == RECOMMENDED).and_then(|row| row.p99_us))
+            Ok(context.spatial(RUN).times.iter().find(|row| row.estimator == RECOMMENDED).and_then(|row| row.p99_us))
         },
     )
 }

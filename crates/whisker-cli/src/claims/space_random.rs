@@ -3,27 +3,20 @@
 use std::collections::BTreeMap;
 
 use testbed::metrics::MOST_MISSING;
-use testbed::space::SpatialRun;
 use testbed::space::evaluate::SpatialTrialRow;
 use testbed::statistics::{mean, median};
 
+use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share};
 use super::{Claim, Context, RECOMMENDED};
 
 /// Run of the random suite in space.
-const RUN: &str = "random_space";
+pub(super) const RUN: &str = "random_space";
 
 /// Solids without edges where they are touched.
 const SMOOTH: [&str; 4] = ["pin", "sphere", "cylinder", "torus"];
 
 /// Error above which a replay counts as failed.
 const FAILED_M: f64 = 0.5e-3;
-
-/// Coverage below which a set is overconfident.
-const LEAST_COVERAGE: f64 = 0.8;
-
-/// Coverage below which the signal of doubt has to find a set, and the time within which it has to.
-const MISSED_COVERAGE: f64 = 0.6;
-const DOUBT_WITHIN_S: f64 = 2.0;
 
 /// Angle of the normal above which a replay counts as failed.
 const FAILED_NORMAL_RAD: f64 = 2.0_f64.to_radians();
@@ -56,17 +49,17 @@ pub(super) fn claims() -> Vec<Claim> {
     let covered = "stated 95 % ellipsoids that hold the true contact, mean over sets";
     let mut claims = vec![
         Claim::at_least("space_random_coverage_low".into(), about(covered), 88.0, "%", |context| {
-            percent(mean(sets(context)?))
+            Ok(coverage_of(&sets(context)))
         }),
         Claim::at_most("space_random_coverage_high".into(), about(covered), 99.0, "%", |context| {
-            percent(mean(sets(context)?))
+            Ok(coverage_of(&sets(context)))
         }),
         Claim::at_most(
             "space_random_overconfident".into(),
             about("sets in which fewer than 80 % of the ellipsoids hold the true contact"),
             3.0,
             "%",
-            |context| percent(share(&sets(context)?, |coverage| *coverage < LEAST_COVERAGE)),
+            |context| Ok(overconfident(&sets(context))),
         ),
         Claim::at_least(
             "space_random_answered".into(),
@@ -75,7 +68,7 @@ pub(super) fn claims() -> Vec<Claim> {
             ),
             90.0,
             "%",
-            |context| percent(mean(replays(context, |_| true)?.iter().filter_map(|trial| trial.answered))),
+            |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.answered)))),
         ),
     ];
     for (name, kind, with_bound, most, smooth) in [
@@ -89,7 +82,7 @@ pub(super) fn claims() -> Vec<Claim> {
             0.25,
             "mm",
             move |context| {
-                Ok(median(replays(context, of_kind)?.iter().filter_map(|trial| trial.rmse_m)).map(|m| 1e3 * m))
+                Ok(median(replays(context, of_kind).filter_map(|trial| trial.rmse_m)).map(|error_m| 1e3 * error_m))
             },
         ));
         for Failing { id, what, has_failed } in FAILING {
@@ -98,7 +91,7 @@ pub(super) fn claims() -> Vec<Claim> {
                 about(&format!("{kind}: {what}")),
                 most,
                 "%",
-                move |context| percent(share(&scorable(context, of_kind)?, has_failed)),
+                move |context| Ok(share(scorable(context, of_kind), |trial| has_failed(trial))),
             ));
         }
         let [Failing { what, has_failed, .. }, _] = FAILING;
@@ -108,9 +101,9 @@ pub(super) fn claims() -> Vec<Claim> {
             most,
             "%",
             move |context| {
-                let mut possible = scorable(context, of_kind)?;
-                possible.retain(|trial| trial.object_bound_m.is_some_and(|bound_m| bound_m <= FAILED_M));
-                percent(share(&possible, has_failed))
+                let is_possible =
+                    |trial: &&SpatialTrialRow| trial.object_bound_m.is_some_and(|bound_m| bound_m <= FAILED_M);
+                Ok(share(scorable(context, of_kind).filter(is_possible), |trial| has_failed(trial)))
             },
         ));
         claims.push(Claim::at_least(
@@ -119,9 +112,8 @@ pub(super) fn claims() -> Vec<Claim> {
             most,
             "%",
             move |context| {
-                let bounds: Vec<f64> =
-                    scorable(context, of_kind)?.iter().filter_map(|trial| trial.object_bound_m).collect();
-                percent(share(&bounds, |bound_m| *bound_m > FAILED_M))
+                let bounds = scorable(context, of_kind).filter_map(|trial| trial.object_bound_m);
+                Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
             },
         ));
     }
@@ -130,83 +122,49 @@ pub(super) fn claims() -> Vec<Claim> {
         about("spheres and cylinders: 95 % intervals of the last radius that contain the true one"),
         88.0,
         "%",
-        |context| percent(mean(replays(context, |_| true)?.iter().filter_map(|trial| trial.radius_coverage))),
+        |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.radius_coverage)))),
     ));
     claims.push(Claim::at_least(
         "space_random_doubt_found".into(),
         about("replays of sets with a coverage below 60 % whose models are in doubt within 2 s"),
         90.0,
         "%",
-        |context| {
-            let missed = by_coverage(context, |coverage| coverage < MISSED_COVERAGE)?;
-            percent(share(&missed, |trial| trial.doubt_time_s.is_some_and(|time_s| time_s <= DOUBT_WITHIN_S)))
-        },
+        |context| Ok(doubt_found(&sets(context))),
     ));
     claims.push(Claim::at_most(
         "space_random_doubt_false".into(),
         about("replays in doubt per minute of contact, in sets with a coverage of at least 80 %"),
         0.02,
         "per minute",
-        |context| {
-            let good = by_coverage(context, |coverage| coverage >= LEAST_COVERAGE)?;
-            let minutes = good.iter().map(|trial| trial.contact_s).sum::<f64>() / 60.0;
-            let alarms = good.iter().filter(|trial| trial.doubt_time_s.is_some()).count() as f64;
-            Ok((minutes > 0.0).then(|| alarms / minutes))
-        },
+        |context| Ok(doubt_false_per_min(&sets(context))),
     ));
     claims
 }
 
-/// Replays of the sets whose coverage meets a condition.
-fn by_coverage(context: &Context, meets: impl Fn(f64) -> bool) -> anyhow::Result<Vec<SpatialTrialRow>> {
-    let mut sets: BTreeMap<String, Vec<SpatialTrialRow>> = BTreeMap::new();
-    for trial in replays(context, |_| true)? {
-        sets.entry(trial.group.clone()).or_default().push(trial);
-    }
-    let is_met =
-        |trials: &Vec<SpatialTrialRow>| mean(trials.iter().filter_map(|trial| trial.coverage)).is_some_and(&meets);
-    Ok(sets.into_values().filter(is_met).flatten().collect())
-}
-
 /// Replays of `recommended` on solids of some shapes.
-fn replays(context: &Context, of: impl Fn(&str) -> bool) -> anyhow::Result<Vec<SpatialTrialRow>> {
-    let folder = context.results.join(RUN);
-    let Some(run) = SpatialRun::read(&folder)? else { return Ok(Vec::new()) };
-    let shapes: BTreeMap<&str, &str> = run
+fn replays(context: &Context, of: impl Fn(&str) -> bool) -> impl Iterator<Item = &SpatialTrialRow> {
+    let evaluation = context.spatial(RUN);
+    let shapes = evaluation
+        .run
         .trials
         .iter()
-        .filter_map(|trial| Some((trial.trace.as_str(), trial.solid.get("shape")?.as_str()?)))
-        .collect();
-    let mut trials = SpatialRun::trials(&folder)?;
-    trials.retain(|trial| {
+        .filter_map(|trial| Some((trial.trace.as_str(), trial.solid.get("shape")?.as_str()?)));
+    let shapes: BTreeMap<&str, &str> = shapes.collect();
+    evaluation.trials.iter().filter(move |trial| {
         trial.estimator == RECOMMENDED && shapes.get(trial.trace.as_str()).is_some_and(|shape| of(shape))
-    });
-    Ok(trials)
+    })
 }
 
 /// These replays without those whose contacts lie nowhere in the calibrated domain, in which no estimate is expected.
-fn scorable(context: &Context, of: impl Fn(&str) -> bool) -> anyhow::Result<Vec<SpatialTrialRow>> {
-    let mut trials = replays(context, of)?;
-    trials.retain(|trial| trial.answered.is_some());
-    Ok(trials)
+fn scorable(context: &Context, of: impl Fn(&str) -> bool) -> impl Iterator<Item = &SpatialTrialRow> {
+    replays(context, of).filter(|trial| trial.answered.is_some())
 }
 
-/// Coverage of each set, mean over its replays.
-fn sets(context: &Context) -> anyhow::Result<Vec<f64>> {
-    let mut sets: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    for trial in replays(context, |_| true)? {
-        if let Some(coverage) = trial.coverage {
-            sets.entry(trial.group).or_default().push(coverage);
-        }
-    }
-    Ok(sets.into_values().filter_map(mean).collect())
+/// The sets of the random suite in space.
+fn sets(context: &Context) -> Vec<Set<'_, SpatialTrialRow>> {
+    sets_of(&context.spatial(RUN).trials)
 }
 
-/// Share of the elements for which a condition holds. `None` if there is no element.
-fn share<One>(of: &[One], holds: impl Fn(&One) -> bool) -> Option<f64> {
-    mean(of.iter().map(|one| f64::from(u8::from(holds(one)))))
-}
-
-fn percent(share: Option<f64>) -> anyhow::Result<Option<f64>> {
-    Ok(share.map(|share| 100.0 * share))
+fn percent(share: Option<f64>) -> Option<f64> {
+    share.map(|share| 100.0 * share)
 }
