@@ -28,7 +28,7 @@ const MOST_NAMES: usize = 40;
 
 /// Width of the overview in characters, and of its first column.
 const WIDTH: usize = 100;
-const INDENT: usize = 22;
+const INDENT: usize = 28;
 
 /// List the registries, or the rows of one with their default settings
 #[derive(clap::Args)]
@@ -229,7 +229,8 @@ mod tests {
     fn verif_the_overview_names_every_registry_in_short_lines() {
         let text = overview();
         for registry in REGISTRIES {
-            assert!(text.lines().any(|line| line.starts_with(registry.name)), "{}", registry.name);
+            let entry = format!("{} ", registry.name);
+            assert!(text.lines().any(|line| line.starts_with(&entry)), "{}", registry.name);
         }
         assert!(text.lines().count() < 60, "{}", text.lines().count());
         assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
