@@ -5,8 +5,8 @@ use std::io::Write;
 use std::marker::PhantomData;
 use std::path::Path;
 
-use anyhow::{Context, bail};
-use csv::{IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
+use anyhow::{Context, anyhow, bail};
+use csv::{DeserializeErrorKind, ErrorKind, IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
 use files::AtomicFile;
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
 use serde::{Deserializer, Serialize, forward_to_deserialize_any};
@@ -88,7 +88,7 @@ impl<Row, To: Write> Table<Row, To> {
 /// Reason for a failed write: the error of the operating system if there is one.
 pub(super) fn refusal(error: csv::Error) -> anyhow::Error {
     match error.into_kind() {
-        csv::ErrorKind::Io(error) => error.into(),
+        ErrorKind::Io(error) => error.into(),
         other => anyhow::anyhow!("{other:?}"),
     }
 }
@@ -111,10 +111,10 @@ pub(super) fn read_table<T>(
         bail!("{at}:{line}: found more after the quote that ends a field, expected a comma or the end of the line");
     }
     let mut reader = ReaderBuilder::new().from_reader(bytes.as_slice());
-    let header = reader.headers().with_context(|| format!("{at}:1: cannot be read"))?.clone();
+    let header = reader.headers().map_err(|error| anyhow!("{at}:{}", damage(&error)))?.clone();
     let mut rows = Vec::new();
-    for (index, record) in reader.records().enumerate() {
-        let record = record.with_context(|| format!("{at}: row {}", index + 1))?;
+    for record in reader.records() {
+        let record = record.map_err(|error| anyhow!("{at}:{}", damage(&error)))?;
         let line = record.position().map_or(0, csv::Position::line);
         for (place, (column, field)) in header.iter().zip(&record).enumerate() {
             if field.parse::<f64>().is_ok_and(|value| !value.is_finite())
@@ -123,9 +123,23 @@ pub(super) fn read_table<T>(
                 bail!("{at}:{line}: column `{}`: found {field}, expected a finite number", shown(column));
             }
         }
-        rows.push(parse(&record, &header).map_err(|problem| anyhow::anyhow!("{at}:{line}: {}", shown(&problem)))?);
+        rows.push(parse(&record, &header).map_err(|problem| anyhow!("{at}:{line}: {}", shown(&problem)))?);
     }
     Ok(rows)
+}
+
+/// Line of a record that the CSV parser rejects, what was found there and what was expected.
+fn damage(error: &csv::Error) -> String {
+    let line = error.position().map_or(1, csv::Position::line);
+    match error.kind() {
+        ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{line}: found {len} fields, expected {expected_len}, as in the header")
+        }
+        ErrorKind::Utf8 { err, .. } => {
+            format!("{line}: column {}: found bytes that are no UTF-8, expected text", err.field() + 1)
+        }
+        _ => format!("{line}: {error}"),
+    }
 }
 
 /// Line of the first quoted field with characters after its closing quote. The CSV parser would append them to the
@@ -168,17 +182,22 @@ fn accepts_text<T>(
 /// Parses a row. The error names the column and the value found.
 pub(super) fn parse_row<T: DeserializeOwned>(record: &StringRecord, header: &StringRecord) -> Result<T, String> {
     record.deserialize(Some(header)).map_err(|error| {
-        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+        let ErrorKind::Deserialize { err, .. } = error.kind() else {
             return error.to_string();
+        };
+        let expected = match err.kind() {
+            DeserializeErrorKind::ParseBool(_) => "true or false".into(),
+            DeserializeErrorKind::ParseInt(_) => "a whole number".into(),
+            DeserializeErrorKind::ParseFloat(_) => "a number".into(),
+            other => format!("another value: {other}"),
         };
         match err.field().and_then(|field| usize::try_from(field).ok()) {
             Some(field) => format!(
-                "column `{}`: found `{}`, expected another kind of value: {}",
+                "column `{}`: found `{}`, expected {expected}",
                 header.get(field).unwrap_or_default(),
                 record.get(field).unwrap_or_default(),
-                err.kind()
             ),
-            None => err.kind().to_string(),
+            None => format!("{}, expected the columns {}", err.kind(), columns::<T>().join(", ")),
         }
     })
 }
@@ -214,5 +233,44 @@ impl<'de> Deserializer<'de> for FieldNames<'_> {
     forward_to_deserialize_any! {
         bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
         newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Row {
+        name: String,
+        count: u64,
+        share: Option<f64>,
+        is_good: bool,
+    }
+
+    #[test]
+    fn robust_a_damaged_table_is_reported_with_line_column_found_and_expected() {
+        const HEADER: &[u8] = b"name,count,share,is_good\n";
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let cases: [(&[u8], &str); 7] = [
+            (b"a,1,0.5,true\nb,2,0.5\n", ":3: found 3 fields, expected 4, as in the header"),
+            (b"a,1,0.5,true,\n", ":2: found 5 fields, expected 4, as in the header"),
+            (b"a,1,0.5,true\n\xff,2,0.5,true\n", ":3: column 1: found bytes that are no UTF-8, expected text"),
+            (b"a,1.5,0.5,true\n", ":2: column `count`: found `1.5`, expected a whole number"),
+            (b"a,1,half,true\n", ":2: column `share`: found `half`, expected a number"),
+            (b"a,1,,yes\n", ":2: column `is_good`: found `yes`, expected true or false"),
+            (b"a,1,nan,true\n", ":2: column `share`: found nan, expected a finite number"),
+        ];
+        for (rows, expected) in cases {
+            fs::write(file.path(), [HEADER, rows].concat()).unwrap();
+            let message = format!("{:#}", read_rows::<Row>(file.path()).expect_err(expected));
+            assert!(message.ends_with(expected), "{message}");
+        }
+        fs::write(file.path(), "name,count\na,1\n").unwrap();
+        let message = format!("{:#}", read_rows::<Row>(file.path()).unwrap_err());
+        assert!(message.ends_with(":2: missing field `is_good`, expected the columns name, count, share, is_good"));
     }
 }
