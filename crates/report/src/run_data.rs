@@ -46,19 +46,14 @@ impl RunData {
             run_file.display()
         );
         let mut run = Run::read(&run_file)?;
-        let summary: Vec<SummaryRow> = read_scores(&folder.join("summary.csv"))?;
-        ensure!(
-            !summary.is_empty(),
-            "{}: found no rows, expected at least one: no trial of the run was scored",
-            folder.join("summary.csv").display()
-        );
+        let summary: Vec<SummaryRow> = scored(&folder.join("summary.csv"), read_scores)?;
         // The summary is in the order of the suite, which puts like things side by side.
         run.sets.sort_by_key(|set| {
             let of_set = |row: &SummaryRow| row.head.group == set.group && row.head.whisker == set.whisker;
             summary.iter().position(of_set)
         });
         Ok(Self {
-            trials: read_scores(&folder.join("trials.csv"))?,
+            trials: scored(&folder.join("trials.csv"), read_scores)?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
             consistency: read_rows(&folder.join("consistency.csv"))?,
             contours: read_rows(&folder.join("contours.csv"))?,
@@ -340,6 +335,20 @@ impl RunData {
         let rows = read_rows(&path)?;
         Ok((!rows.is_empty()).then_some(rows))
     }
+}
+
+/// Rows of a table of scores.
+///
+/// # Errors
+/// When the table is missing or damaged, or has no rows.
+pub(crate) fn scored<Row>(path: &Path, read: impl FnOnce(&Path) -> Result<Vec<Row>>) -> Result<Vec<Row>> {
+    let rows = read(path)?;
+    ensure!(
+        !rows.is_empty(),
+        "{}: found no rows, expected at least one: no trial of the run was scored",
+        path.display()
+    );
+    Ok(rows)
 }
 
 /// The estimator with the smallest score. `None` if none has a score.

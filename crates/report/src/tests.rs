@@ -676,4 +676,23 @@ fn robust_a_run_without_scores_gives_one_error() {
     fs::write(folder.path().join("summary.csv"), "group\n").expect("written");
     let message = format!("{:#}", report(folder.path()).expect_err("no scores"));
     assert!(message.contains("summary.csv: found no rows, expected at least one"), "{message}");
+    write_run(folder.path(), false);
+    fs::write(folder.path().join("trials.csv"), score_bytes::<TrialHead>(&[]).expect("scores")).expect("written");
+    let message = format!("{:#}", report(folder.path()).expect_err("no scores"));
+    assert!(message.contains("trials.csv: found no rows, expected at least one"), "{message}");
+}
+
+#[test]
+fn robust_a_run_without_averages_over_time_is_drawn_without_their_figures() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    write_run(folder.path(), true);
+    for (table, header) in
+        [("consistency.csv", csv_bytes::<ConsistencyRow>(&[])), ("error_over_time.csv", csv_bytes::<ErrorBandRow>(&[]))]
+    {
+        fs::write(folder.path().join(table), header.expect("a header")).expect("written");
+        report(folder.path()).expect("drawn");
+    }
+    for figure in ["consistency", "physical_limit", "error_over_time"] {
+        assert!(!folder.path().join(format!("figures/{figure}.svg")).exists(), "{figure}");
+    }
 }

@@ -72,7 +72,9 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
 fn picture(data: &RunData, mut methods: Vec<Method>) -> Result<Option<Picture>> {
     methods.retain(|method| method.class != MethodClass::Baseline);
     let columns: Vec<Column> = data.leading_sets().into_iter().map(|set| column(data, set, &methods)).collect();
-    if columns.iter().all(|column| column.coverage.is_empty()) {
+    let has_curves =
+        columns.iter().flat_map(|column| column.curves.iter().flatten()).any(|(_, series)| !series.is_empty());
+    if !has_curves || columns.iter().all(|column| column.coverage.is_empty()) {
         return Ok(None);
     }
     let bars = columns.iter().map(|column| column.coverage.len()).max().unwrap_or(0);
