@@ -8,7 +8,7 @@ use files::read_json;
 use serde_json::Value;
 use trace::{
     ArrayRecording, ArraySidecar, RandomDraws, Role, SceneDifference, Sidecar, SpatialSidecar, Suite, SuiteRun, Trace,
-    is_spatial, scene_difference,
+    is_spatial, is_trace_table, scene_difference,
 };
 
 use crate::front_end::{FRONT_ENDS, FrontEnd};
@@ -93,8 +93,22 @@ impl Dataset {
         let mut paths = Vec::new();
         for entry in listed {
             let path = entry.with_context(|| folder.display().to_string())?.path();
-            if path.extension().is_some_and(|extension| extension == "csv") && path.with_extension("json").is_file() {
+            let is_of = |extension: &str| path.extension().is_some_and(|found| found == extension);
+            let (is_table, is_json) = (is_of("csv"), is_of("json"));
+            if is_table && path.with_extension("json").is_file() {
                 paths.push(path);
+            } else if is_table && path.is_file() && is_trace_table(&path)? {
+                bail!(
+                    "{}: found a trace without its sidecar, expected {}",
+                    path.display(),
+                    path.with_extension("json").display()
+                );
+            } else if is_json && !path.with_extension("csv").is_file() && is_sidecar(&path) {
+                bail!(
+                    "{}: found a sidecar without its trace, expected {}",
+                    path.display(),
+                    path.with_extension("csv").display()
+                );
             }
         }
         if paths.is_empty() {
@@ -226,6 +240,11 @@ fn random_names(folder: &Path, suite: &str, random: &RandomDraws) -> anyhow::Res
     names.sort();
     names.extend(trials);
     Ok(names)
+}
+
+/// Whether a JSON file is the sidecar of a trace, in the plane or in space.
+fn is_sidecar(path: &Path) -> bool {
+    read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace")
 }
 
 /// Role of a trace, in the plane or in space.

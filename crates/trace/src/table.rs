@@ -1,12 +1,14 @@
 //! Table of a trace: columns, rows, reading and writing.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use files::read_table;
 use files::{Error, sha256, write_atomically, write_json};
 use whisker::frames::{Base, Point, Pose, Twist, World};
 
-use crate::{Outline, Sidecar, TraceRows};
+use crate::{Outline, SPATIAL_COLUMNS, Sidecar, TraceRows};
 
 /// Column names and the number of decimals written for each.
 pub const COLUMNS: [(&str, usize); 19] = [
@@ -244,6 +246,19 @@ pub(crate) fn header(further: FurtherColumns) -> String {
     let mut text = names.join(",");
     text.push('\n');
     text
+}
+
+/// Whether a file begins with the columns of a trace, in the plane or in space.
+///
+/// # Errors
+/// [`Error::Io`] with the path.
+pub fn is_trace_table(path: &Path) -> Result<bool, Error> {
+    let planar = COLUMNS.map(|(name, _)| name).join(",");
+    let spatial = SPATIAL_COLUMNS.map(|(name, _)| name).join(",");
+    let mut begin = Vec::new();
+    let longest = planar.len().max(spatial.len()) as u64;
+    File::open(path).and_then(|file| file.take(longest).read_to_end(&mut begin)).map_err(Error::io(path))?;
+    Ok([planar, spatial].iter().any(|columns| begin.starts_with(columns.as_bytes())))
 }
 
 pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant, further: FurtherColumns) {
