@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use files::{Watermark, read_json, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
@@ -203,7 +203,7 @@ impl WhiskerFit<'_> {
         let data_sha256 = data_sha256(self.traces.iter().map(|trace| &trace.sidecar));
         let watermark = self.watermark(&data_sha256)?;
         let path = self.out.join(format!("{}.json", whisker.name));
-        check_is_calibration(&path)?;
+        check_replaces_calibration(&path, files::FORMAT)?;
         if let Some(calibration) = self.up_to_date(&path, &watermark) {
             self.progress.inc((faces_of(self.traces).count() * self.candidates.len()) as u64);
             return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new(), gated: Vec::new() });
@@ -282,19 +282,22 @@ impl WhiskerFit<'_> {
     }
 }
 
-/// Checks that a calibration does not replace a JSON file of another kind, such as a scene. A link is replaced itself, and an
-/// unreadable file as well.
-fn check_is_calibration(path: &Path) -> anyhow::Result<()> {
-    let is_file = path.symlink_metadata().is_ok_and(|found| found.is_file());
-    match read_json::<Value>(path) {
-        Ok(found) if is_file && found["kind"] != "calibration" => {
-            bail!(
-                "{}: found a JSON file of another kind, which the calibration would replace; give another --out",
-                path.display()
-            )
-        }
-        _ => Ok(()),
-    }
+/// Checks that a calibration of a format replaces nothing but a calibration of this format or an empty file. A link is
+/// replaced itself.
+///
+/// # Errors
+/// If there is another file.
+pub(crate) fn check_replaces_calibration(path: &Path, format: u32) -> anyhow::Result<()> {
+    let Some(found) = path.symlink_metadata().ok().filter(|found| !found.is_symlink()) else { return Ok(()) };
+    let is_own =
+        || read_json::<Value>(path).is_ok_and(|file| file["kind"] == "calibration" && file["format"] == format);
+    ensure!(
+        found.is_file() && (found.len() == 0 || is_own()),
+        "{}: found something other than a calibration of format {format}, expected such a file or none, since the fit would \
+         replace it; give another --out, or remove it",
+        path.display()
+    );
+    Ok(())
 }
 
 /// A calibration trace as the sensor read it.

@@ -284,13 +284,31 @@ fn robust_a_damaged_trial_does_not_stop_the_others() {
 }
 
 #[test]
+fn robust_an_import_replaces_imported_traces_alone() {
+    let folder = changed(|mapping| mapping);
+    let (traces, output) = imported(folder.path());
+    assert!(output.status.success());
+    assert!(imported(folder.path()).1.status.success(), "an import again replaces the first");
+    let sidecar = traces.join("trial_1.json");
+    let simulated = fs::read_to_string(&sidecar).unwrap().replace(r#""name": "csv""#, r#""name": "whisker_sim""#);
+    for text in ["years of work", r#"{"kind": "settings"}"#, simulated.as_str()] {
+        fs::write(&sidecar, text).unwrap();
+        fails_on(folder.path(), &["trial_1.json", "expected such a file or none"]);
+        assert_eq!(fs::read_to_string(&sidecar).unwrap(), text);
+    }
+}
+
+#[test]
 fn robust_an_import_into_the_folder_of_the_recordings_leaves_them() {
     let folder = changed(|mapping| mapping);
     let recording = folder.path().join("trial_1.csv");
     let kept = fs::read(&recording).unwrap();
     let output = whisker(&["import", "csv", text(&folder.path().join("import.json")), "--out", text(folder.path())]);
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && errors.contains("found a file that is no trace"), "{errors}");
+    assert!(
+        output.status.code() == Some(1) && errors.contains("found something other than a trace, expected"),
+        "{errors}"
+    );
     assert_eq!(fs::read(&recording).unwrap(), kept);
     assert!(!folder.path().join("trial_1.json").exists());
 }

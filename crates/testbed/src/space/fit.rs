@@ -4,18 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::{Digest, read_json, write_json};
+use files::{Digest, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{FittedData, Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{self, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample};
 
 use super::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
 use crate::dataset::Dataset;
-use crate::fit::Models;
+use crate::fit::{Models, check_replaces_calibration};
 use crate::provenance::calibration_watermark;
 use crate::settings::merged;
 
@@ -116,7 +116,7 @@ fn fit_whisker(
     inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
     let watermark = calibration_watermark(inputs.iter().map(String::as_str));
     let path = out.join(format!("{}.json", whisker.whisker.name));
-    check_is_calibration(&path)?;
+    check_replaces_calibration(&path, SPATIAL_FORMAT)?;
     let known = SpatialCalibrationFile::read(&path).ok();
     if let Some(calibration) = known.filter(|known| known.watermark.inputs_sha256 == watermark.inputs_sha256) {
         progress.inc(candidates.len() as u64);
@@ -167,19 +167,6 @@ fn fits(
         bail!("no sensor model can be fitted: {}", failed[0].0);
     }
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
-}
-
-/// Checks that a calibration in space does not replace a JSON file of another kind, such as a scene or a planar calibration.
-fn check_is_calibration(path: &Path) -> anyhow::Result<()> {
-    if let Ok(found) = read_json::<Value>(path)
-        && (found["kind"] != "calibration" || found["format"] != trace::SPATIAL_FORMAT)
-    {
-        bail!(
-            "{}: found a JSON file of another kind, which the calibration in space would replace; give another --out",
-            path.display()
-        );
-    }
-    Ok(())
 }
 
 /// Lines of known single contacts on the side of the whisker, each from touch to release. Readings have white noise of

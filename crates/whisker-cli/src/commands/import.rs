@@ -1,18 +1,18 @@
 //! `whisker import`: foreign recordings to traces.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::slice;
 
 use anyhow::{Context, bail};
-use files::{Error, write_atomically};
+use files::{Error, read_json, write_atomically};
 use importers::{IMPORTERS, importer};
+use serde_json::Value;
 use testbed::plausibility::Subject;
-use trace::{Role, Trace};
+use trace::{Outline, Role, Trace, is_trace_table};
 
-use super::output::reserve_folder;
+use super::output::{check_replaces_own, reserve_folder};
 use super::progress::Progress;
 use super::{FINISHED_WITH_FAILURES, print, table};
 
@@ -59,7 +59,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         bail!("{}: found no recordings that can be imported", path.display());
     }
     for trace in &imported.traces {
-        check_is_no_recording(&out.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+        check_replaces_imported(&out.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+    }
+    for (file, _) in &imported.outlines {
+        check_replaces_own(&out.join(file), "an outline", |path| Outline::read(path).is_ok())?;
     }
     // Outlines first: the sidecars of the traces name them.
     for (file, outline) in &imported.outlines {
@@ -81,17 +84,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Checks that a file, if there is one, has the columns of a trace, which an import may replace: it is no recording.
-fn check_is_no_recording(path: &Path, trace: &Trace) -> anyhow::Result<()> {
-    if !path.exists() {
-        return Ok(());
-    }
-    let found = fs::read(path).with_context(|| path.display().to_string())?;
-    let table = trace.to_csv();
-    if !found.starts_with(table.lines().next().unwrap_or_default().as_bytes()) {
-        bail!("{}: found a file that is no trace, which the import would replace; give another --out", path.display());
-    }
-    Ok(())
+/// Checks that a trace replaces nothing but a trace of the same importer.
+///
+/// # Errors
+/// If one of its two files is there and is none of this importer.
+fn check_replaces_imported(path: &Path, trace: &Trace) -> anyhow::Result<()> {
+    check_replaces_own(path, "a trace", |path| is_trace_table(path).unwrap_or(false))?;
+    let generator = &trace.sidecar.generator.name;
+    let kind = format!("the sidecar of a trace that `whisker import {generator}` wrote");
+    check_replaces_own(&path.with_extension("json"), &kind, |path| {
+        read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace" && file["generator"]["name"] == **generator)
+    })
 }
 
 fn print_failures(failures: &[Error]) {

@@ -71,7 +71,8 @@ pub(super) fn check_replaces_own(out: &Path, kind: &str, is_own: impl FnOnce(&Pa
     let Ok(found) = fs::metadata(out) else { return Ok(()) };
     ensure!(
         found.is_file() && (found.len() == 0 || is_own(out)),
-        "{}: found something other than {kind}, which the output would replace; give another --out, or remove it",
+        "{}: found something other than {kind}, expected such a file or none, since the output would replace it; give \
+         another --out, or remove it",
         out.display()
     );
     Ok(())
