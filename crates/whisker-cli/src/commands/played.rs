@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::fitted_traces::check_fitted_traces;
-use testbed::front_end::{FRONT_ENDS, FrontEnd, Mounting, Reader, Reading};
+use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
 use testbed::settings::merged;
@@ -67,8 +67,8 @@ impl MethodArguments {
 pub(super) struct InSpace {
     pub(super) row: &'static SpatialEstimatorRow,
     pub(super) config: Value,
-    /// Measurement noise to add, as a fraction of the trace's largest reading.
-    pub(super) noise: f64,
+    /// Measurement noise to add, as a fraction of the trace's largest reading. `None` for the default.
+    pub(super) noise: Option<f64>,
     pub(super) seed: u64,
 }
 
@@ -110,7 +110,7 @@ impl Arguments {
         }
         let row = space::replay::registered(&self.method.estimator)?;
         let config = merged(row.defaults(), &self.method.config)?;
-        Ok(InSpace { row, config, noise: self.noise.unwrap_or(FRONT_ENDS[0].noise), seed: self.seed })
+        Ok(InSpace { row, config, noise: self.noise, seed: self.seed })
     }
 
     /// Looks for a trace and its calibration.

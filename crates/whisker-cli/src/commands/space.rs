@@ -18,7 +18,7 @@ use testbed::space::replay::{calibrated, replay, samples};
 use testbed::space::{
     SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
 };
-use trace::{SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
+use trace::{Sidecar, SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
@@ -64,16 +64,47 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// A trace with the noise of the options and the calibration in this file.
+    /// A simulated trace with the noise of the options and the calibration in this file.
     ///
     /// # Errors
     /// If the calibration cannot be read or is one of another whisker.
     pub(super) fn new(trace: SpatialTrace, options: &InSpace, calibration: &Path) -> anyhow::Result<Self> {
-        let noise_sd_n_m = options.noise * largest_reading_n_m([&trace]);
-        let readings_n_m = noisy_readings_n_m(&trace, noise_sd_n_m, options.seed);
+        Self::with_noise(trace, options, &ReplayNoise::of_simulated(), calibration)
+    }
+
+    fn with_noise(
+        trace: SpatialTrace,
+        options: &InSpace,
+        noise: &ReplayNoise,
+        calibration: &Path,
+    ) -> anyhow::Result<Self> {
+        let added_sd_n_m = options.noise.unwrap_or(noise.default) * largest_reading_n_m([&trace]);
+        let readings_n_m = noisy_readings_n_m(&trace, added_sd_n_m, options.seed);
+        let noise_sd_n_m = added_sd_n_m.hypot(noise.own_sd_n_m);
         let calibrated = calibrated(calibration, &trace.sidecar)?;
         let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: trace.sidecar.rate_hz });
         Ok(Self { trace, knowledge, readings_n_m })
+    }
+}
+
+/// Noise of a trace in space.
+struct ReplayNoise {
+    /// Default noise to add, as a fraction of the trace's largest reading.
+    default: f64,
+    /// Standard deviation of the noise that the readings contain (N m).
+    own_sd_n_m: f64,
+}
+
+impl ReplayNoise {
+    fn of_simulated() -> Self {
+        Self { default: FRONT_ENDS[0].noise, own_sd_n_m: 0.0 }
+    }
+
+    /// That of a planar trace, which may be a recording.
+    fn of(planar: &Sidecar) -> Self {
+        let is_recorded = planar.recorded.is_some();
+        let default = if is_recorded { 0.0 } else { FRONT_ENDS[0].noise };
+        Self { default, own_sd_n_m: planar.own_noise_sd_n_m() }
     }
 }
 
@@ -90,16 +121,17 @@ pub(super) fn replay_in_space(
     out: Option<&Path>,
 ) -> anyhow::Result<ExitCode> {
     // A planar trace is given with a calibration in space, by `--space`.
-    let read = match calibration {
+    let (read, noise) = match calibration {
         Some(calibration) if !is_spatial(trace)? => {
             let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } =
                 SpatialCalibrationFile::read(calibration)?;
             let mut planar = Trace::read(trace)?;
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;
-            SpatialTrace::lifted(&planar, suspension, poisson_ratio)
+            let noise = ReplayNoise::of(&planar.sidecar);
+            (SpatialTrace::lifted(&planar, suspension, poisson_ratio), noise)
         }
-        _ => SpatialTrace::read(trace)?,
+        _ => (SpatialTrace::read(trace)?, ReplayNoise::of_simulated()),
     };
     let calibration = calibration.map_or_else(|| calibration_of(trace, &read.sidecar.whisker.name), Path::to_path_buf);
     let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
@@ -112,7 +144,7 @@ pub(super) fn replay_in_space(
         }
         None => None,
     };
-    let Prepared { trace: read, knowledge, readings_n_m } = Prepared::new(read, options, &calibration)?;
+    let Prepared { trace: read, knowledge, readings_n_m } = Prepared::with_noise(read, options, &noise, &calibration)?;
     let InSpace { row, config, .. } = options;
     let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
     let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
@@ -221,4 +253,32 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         ]
     };
     table::render(&header, &summary.iter().map(row).collect::<Vec<_>>(), 3)
+}
+
+#[cfg(test)]
+mod tests {
+    use trace::Recorded;
+
+    use super::*;
+
+    #[test]
+    fn verif_no_noise_is_added_to_recorded_readings() {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.json");
+        let mut sidecar = Sidecar::read(&golden).unwrap();
+        let of = |sidecar: &Sidecar| {
+            let ReplayNoise { default, own_sd_n_m } = ReplayNoise::of(sidecar);
+            (default, own_sd_n_m)
+        };
+        assert_eq!(of(&sidecar), (FRONT_ENDS[0].noise, 0.0));
+        sidecar.recorded = Some(Recorded {
+            clock: "none".into(),
+            characteristic: [1.0, 0.0, 0.0],
+            residual_counts: 1.0,
+            rest_counts: 0.0,
+            noise_sd_n_m: 1e-7,
+            touch_counts: 1.0,
+            object_class: None,
+        });
+        assert_eq!(of(&sidecar), (0.0, 1e-7));
+    }
 }
