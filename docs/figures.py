@@ -84,11 +84,11 @@ TABLES = {
     "space_claims": Table("spatial/claims.csv", ("id",), "measured"),
     "space_times": Table("spatial/space_times.csv", ("estimator",)),
     "space": Table("spatial/space_summary.csv", ("group", "whisker", "estimator")),
-    "space_maps": Table("stanford/space_maps.csv", ("calibration", "model")),
-    "space_pins": Table("stanford/space_pins_summary.csv", ("group", "estimator")),
-    "space_sweeps": Table("stanford/space_sweeps.csv", ("name", "object")),
-    "space_sweeps_paper": Table("stanford/space_sweeps_paper.csv", ("name", "object")),
-    "space_faces": Table("stanford/space_faces.csv", ("name", "object", "normal_x", "normal_y", "normal_z", "offset_m")),
+    "space_maps": Table("recordings/space_maps.csv", ("calibration", "model")),
+    "space_pins": Table("recordings/space_pins_summary.csv", ("group", "estimator")),
+    "space_sweeps": Table("recordings/space_sweeps.csv", ("name", "object")),
+    "space_sweeps_paper": Table("recordings/space_sweeps_paper.csv", ("name", "object")),
+    "space_faces": Table("recordings/space_faces.csv", ("name", "object", "normal_x", "normal_y", "normal_z", "offset_m")),
 }
 """The registry of results tables. The keys of a table of runs begin with the name of the run."""
 

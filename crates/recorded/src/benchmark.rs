@@ -191,12 +191,16 @@ pub struct Benchmark {
     pub failures: Vec<String>,
 }
 
-/// Settings that the results depend on.
-#[derive(Serialize)]
-struct SettingsUsed {
-    settings: Settings,
-    sweep: SweepSettings,
-    kernels: Vec<(String, [Kernel; 2])>,
+/// Contents of `space_settings.json`: settings that the results depend on.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SettingsUsed {
+    /// Settings of the estimator of fixed contacts.
+    pub settings: Settings,
+    /// Settings of the estimator of contacts in sweeps.
+    pub sweep: SweepSettings,
+    /// Kernels of the sensor model of each calibration, one for each channel.
+    pub kernels: Vec<(String, [Kernel; 2])>,
 }
 
 /// Evaluates the recordings of a clone and writes `space_maps.csv`, `space_pins.csv`, `space_pins_summary.csv`,

@@ -2,7 +2,7 @@
 
 use filters::quantile::CHI2_3_95;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, SVector, Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::calibration::Calibrated;
 use crate::fixed::{Estimate, FixedPoint, Reading, Settings};
@@ -17,7 +17,7 @@ pub const TOUCH: f64 = 0.02;
 const WRONG_M: f64 = 5e-3;
 
 /// Scores of an estimator on one pin.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PinScore {
     /// Group of the pins.
     pub group: String,

@@ -193,7 +193,16 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
     for words in ["noise: 0.01 there, 0.02 here", "estimators: none only there, line only here", "--force"] {
         assert!(message.contains(words), "{message}");
     }
+    // A file of the user, and what a killed evaluation leaves.
+    fs::write(results.join("notes.txt"), "mine").unwrap();
+    fs::create_dir(folder.path().join(".results.0123456789abcdef.part")).unwrap();
     assert!(run(0.02, &["point", "line"], true).unwrap().is_new);
+    assert!(results.join("notes.txt").is_file(), "a file of the user is lost");
+    fs::remove_file(results.join("space_estimates/press.line.csv")).unwrap();
+    assert!(run(0.02, &["point", "line"], false).unwrap().is_new, "a run without its estimates was kept");
+    assert!(!run(0.02, &["point", "line"], false).unwrap().is_new);
+    let mut entries = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+    assert!(entries.all(|name| !name.to_string_lossy().starts_with('.')), "a temporary folder stays");
     trace("press", Role::Trial, &golden().sidecar.rod().unwrap(), &vec![None; 300]).write(folder.path()).unwrap();
     let changed = run(0.02, &["point", "line"], false).unwrap();
     assert!(changed.is_new, "a stale run was kept");

@@ -178,7 +178,7 @@ fn robust_a_run_does_not_replace_another_folder() {
     fs::create_dir(&precious).unwrap();
     fs::write(precious.join("thesis.tex"), "years of work").unwrap();
     let out = results.path().to_str().unwrap();
-    fails(&["evaluate", "datasets/golden", "--results", out], &["golden", "is no run"]);
+    fails(&["evaluate", "datasets/golden", "--results", out], &["golden", "found other files, expected a run"]);
     fails(
         &["evaluate", "datasets/golden", "--results", out, "--name", "../golden"],
         &["../golden", "a plain folder name"],
@@ -281,6 +281,15 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
     evaluate(&["--encoders", "{}"], &["--encoders: does not apply to traces in space"]);
     evaluate(&["--starts", "wrong"], &["--starts: does not apply to traces in space"]);
+    evaluate(&["--name", "../space"], &["name of the run", "expected a plain folder name"]);
+    let settings = folder.path().join("settings.json");
+    for (key, text) in [("touch", r#"{"touch": {"detector": "band-pass"}}"#), ("map", r#"{"map": {"cell_m": 0.001}}"#)]
+    {
+        fs::write(&settings, text).unwrap();
+        let place = format!("settings.json: {key}");
+        let words = [place.as_str(), "do not apply to traces in space", "expected those of estimators"];
+        evaluate(&["--config", settings.to_str().unwrap()], &words);
+    }
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";

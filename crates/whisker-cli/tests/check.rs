@@ -85,6 +85,30 @@ fn robust_a_single_glitch() {
 }
 
 #[test]
+fn verif_results_in_space_and_tables_of_recordings_pass() {
+    let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../results/reference");
+    for (folder, found) in [("spatial", "run in space `spatial`"), ("recordings", "settings of `whisker recordings`")] {
+        let output = check(&reference.join(folder));
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && text.contains(found), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
+fn robust_a_table_of_scores_without_rows() {
+    let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../results/reference");
+    let folder = tempfile::tempdir().unwrap();
+    for table in ["standard/summary.csv", "spatial/space_summary.csv"] {
+        let text = fs::read_to_string(reference.join(table)).unwrap();
+        let path = folder.path().join(Path::new(table).file_name().unwrap());
+        fs::write(&path, format!("{}\n", text.lines().next().unwrap())).unwrap();
+        let output = check(&path);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(1) && text.contains("found no rows, expected at least one"), "{text}");
+    }
+}
+
+#[test]
 fn verif_golden_traces_pass() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
     for name in ["golden_pin.csv", "golden_circle.csv"] {

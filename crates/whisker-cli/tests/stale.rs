@@ -443,7 +443,13 @@ fn robust_an_output_replaces_no_file_of_another_kind() {
         );
     }
     fs::copy(bench.path("scenes/pin.json"), bench.path("scenes/straight.json")).unwrap();
-    bench.refused(&format!("{FIT} --out scenes"), &["scenes/straight.json", "JSON file of another kind"]);
+    bench.refused(&format!("{FIT} --out scenes"), &["scenes/straight.json", "something other than a calibration"]);
+    fs::create_dir(bench.path("notes")).unwrap();
+    let in_space = json!({"format": 2, "kind": "calibration"}).to_string();
+    for (text, reason) in [("years of work", "expected"), (in_space.as_str(), "a calibration of format 1")] {
+        fs::write(bench.path("notes/straight.json"), text).unwrap();
+        bench.refused(&format!("{FIT} --out notes"), &["notes/straight.json", reason]);
+    }
 
     // A conversion replaces a file by itself alone.
     bench.good("bag export datasets/mine/golden_pin.csv --out bag");
@@ -456,6 +462,71 @@ fn robust_an_output_replaces_no_file_of_another_kind() {
     fs::write(bench.path("estimates.csv"), "").unwrap();
     bench.good(REPLAY);
     bench.good(&format!("{REPLAY} --noise 0.02"));
+}
+
+#[test]
+fn robust_a_folder_of_results_holds_one_kind() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    let recordings = "recordings datasets --out results/mine";
+    for (file, found) in
+        [("space_settings.json", "tables of `whisker recordings`"), ("space_run.json", "a run in space")]
+    {
+        bench.write(&format!("results/mine/{file}"), &json!({}));
+        for command in [EVALUATE, "evaluate scenes/suite.json --estimators ekf --share 1/2 --force"] {
+            bench.refused(command, &["results/mine", found, file, "expected a run in the plane or another folder"]);
+        }
+        if file == "space_run.json" {
+            bench.refused(recordings, &["results/mine", found, "expected tables of `whisker recordings`"]);
+        }
+        fs::remove_dir_all(bench.path("results/mine")).unwrap();
+    }
+    bench.good(EVALUATE);
+    bench.refused(recordings, &["results/mine", "a run in the plane", "run.json"]);
+    fs::create_dir_all(bench.path("space")).unwrap();
+    for end in ["csv", "json"] {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space");
+        fs::copy(golden.with_extension(end), bench.path(&format!("space/golden_space.{end}"))).unwrap();
+    }
+    bench.refused("evaluate space --estimators line --name mine --force", &["results/mine", "expected a run in space"]);
+}
+
+#[test]
+fn robust_files_of_the_user_stay_in_a_run_that_is_replaced() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    bench.good(EVALUATE);
+    bench.good("report results/mine");
+    for file in ["results/mine/notes.txt", "results/mine/estimates/notes.txt", "results/mine/mine/trials.csv"] {
+        fs::create_dir_all(bench.path(file).parent().unwrap()).unwrap();
+        fs::write(bench.path(file), "years of work").unwrap();
+    }
+    bench.good(&format!("{EVALUATE} --noise 0.02 --force"));
+    let kept: Vec<PathBuf> =
+        bench.files().into_iter().filter(|(_, bytes)| bytes == b"years of work").map(|(path, _)| path).collect();
+    assert_eq!(kept.len(), 3, "{kept:?}");
+    assert!(!bench.path("results/mine/index.html").exists(), "the page of the former run stays");
+    assert_eq!(fs::read_dir(bench.path("results")).unwrap().count(), 1);
+}
+
+#[test]
+fn robust_half_a_trace_in_a_folder_is_refused() {
+    let bench = Bench::new();
+    // Other tables and JSON files are no traces.
+    bench.good("fit datasets/mine --model elastica");
+    bench.good("replay datasets/mine/golden_pin.csv --estimator ekf --out datasets/mine/estimates.csv");
+    bench.write("datasets/mine/settings.json", &json!({"kind": "settings"}));
+    bench.good("fit datasets/mine --model elastica");
+    for (lost, found) in [("json", "csv"), ("csv", "json")] {
+        let [lost, found] = [lost, found].map(|end| format!("datasets/mine/golden_circle_01.{end}"));
+        let bytes = fs::read(bench.path(&lost)).unwrap();
+        fs::remove_file(bench.path(&lost)).unwrap();
+        let (found, expected) = (format!("{found}: found a "), format!("expected {lost}"));
+        for command in ["fit datasets/mine --model elastica", "evaluate datasets/mine --estimators ekf"] {
+            bench.refused(command, &[&found, &expected]);
+        }
+        fs::write(bench.path(&lost), bytes).unwrap();
+    }
 }
 
 #[test]

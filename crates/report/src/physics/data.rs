@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use testbed::results::read_rows;
+use testbed::results::{ResultsKind, read_rows};
 
 /// Provenance of the tables.
 #[derive(Deserialize, Serialize)]
@@ -56,11 +56,11 @@ pub(crate) struct Claim {
 
 /// Whether a folder holds the tables of the physics study.
 pub(crate) fn is_study(folder: &Path) -> bool {
-    watermark_file(folder).is_file()
+    ResultsKind::Physics.is_in(folder)
 }
 
 fn watermark_file(folder: &Path) -> PathBuf {
-    folder.join("watermark.json")
+    folder.join(ResultsKind::Physics.file())
 }
 
 /// The tables of the physics study. Those of single figures are read on request.

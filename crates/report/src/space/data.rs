@@ -3,9 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use testbed::space::files::{SUMMARY, TRIALS};
 use testbed::space::{
     SpatialEstimateRow, SpatialRun, SpatialRunTrial, evaluate::SpatialSummaryRow, evaluate::SpatialTrialRow,
 };
+
+use crate::run_data::scored;
 
 /// Tables of a run in space.
 pub(crate) struct Data {
@@ -19,10 +22,11 @@ impl Data {
     /// Reads the run in a folder. `None` if the folder holds no run in space.
     ///
     /// # Errors
-    /// When a table is missing or damaged.
+    /// When a table is missing or damaged or has no rows.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>> {
         let Some(run) = SpatialRun::read(folder)? else { return Ok(None) };
-        let (summary, trials) = (SpatialRun::summary(folder)?, SpatialRun::trials(folder)?);
+        let summary = scored(&SUMMARY.path(folder), |_| SpatialRun::summary(folder))?;
+        let trials = scored(&TRIALS.path(folder), |_| SpatialRun::trials(folder))?;
         Ok(Some(Self { folder: folder.into(), run, summary, trials }))
     }
 
@@ -68,7 +72,7 @@ impl Data {
     /// # Errors
     /// When the table is missing or damaged.
     pub(crate) fn estimates(&self, trace: &str, estimator: &str) -> Result<Vec<SpatialEstimateRow>> {
-        SpatialRun::estimates(&self.folder, trace, estimator).context("estimates; evaluate again with --force")
+        SpatialRun::estimates(&self.folder, trace, estimator).context("estimates; evaluate again")
     }
 }
 

@@ -19,7 +19,7 @@ mod manifest;
 mod maps;
 mod memory;
 mod merge;
-mod part_folder;
+pub(crate) mod part_folder;
 mod plan;
 mod prepared;
 pub(crate) mod previous;
@@ -53,7 +53,7 @@ use shards::Shards;
 use work::Batch;
 
 pub use plan::Share;
-pub use settings::{EvaluateSettings, Evaluated, OmittedEstimator};
+pub use settings::{EvaluateSettings, Evaluated, OmittedEstimator, run_folder};
 pub use starts::Starts;
 pub use workload::Workload;
 

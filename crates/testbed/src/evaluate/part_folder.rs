@@ -3,15 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use files::remove_temporary;
 
 use super::shards::Shards;
+use crate::results::files::RUN_FILES;
+use crate::space::files::SPATIAL_RUN_FILES;
 
 /// Folder in which a run is built, named after the hash of its inputs. It replaces the run's folder when it is
-/// complete; until then that folder is unchanged. Items that are finished in it are reused, whether an interrupted
-/// evaluation or a concurrent process wrote them.
-pub(super) struct PartFolder<'a> {
+/// complete; until then that folder is unchanged. Files of the user in that folder, such as notes, are kept. Items that
+/// are finished in it are reused, whether an interrupted evaluation or a concurrent process wrote them.
+pub(crate) struct PartFolder<'a> {
     part: PathBuf,
     folder: &'a Path,
 }
@@ -34,14 +36,14 @@ impl<'a> PartFolder<'a> {
     ///
     /// # Errors
     /// If the folder cannot be created.
-    pub(super) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
+    pub(crate) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
         let part = beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]));
         fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
         Ok(Self { part, folder })
     }
 
     /// Path of the folder.
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.part
     }
 
@@ -49,7 +51,7 @@ impl<'a> PartFolder<'a> {
     ///
     /// # Errors
     /// If a folder cannot be moved.
-    pub(super) fn finish(self) -> anyhow::Result<()> {
+    pub(crate) fn finish(self) -> anyhow::Result<()> {
         let context = || self.folder.display().to_string();
         clear_temporary(&self.part).with_context(context)?;
         if self.folder.exists() {
@@ -65,7 +67,7 @@ impl<'a> PartFolder<'a> {
     ///
     /// # Errors
     /// If it cannot be removed.
-    pub(super) fn discard(self) -> anyhow::Result<()> {
+    pub(crate) fn discard(self) -> anyhow::Result<()> {
         remove(&self.part)
     }
 }
@@ -74,7 +76,7 @@ impl<'a> PartFolder<'a> {
 ///
 /// # Errors
 /// If it cannot be moved.
-pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
+pub(crate) fn restore(folder: &Path) -> anyhow::Result<()> {
     let old = beside(folder, OLD);
     if old.exists() && !folder.exists() {
         fs::rename(&old, folder).with_context(|| old.display().to_string())?;
@@ -82,14 +84,21 @@ pub(super) fn restore(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes the shards of a complete run, the run that it replaced, and unfinished runs of the same name beside it. It
-/// is called last: if the process is killed before, no result is lost, and the next evaluation removes them.
+/// Removes the shards of a complete run, the run that it replaced except for files of the user, which become files of
+/// the complete run, and unfinished runs of the same name beside it. It is called last: if the process is killed
+/// before, no result is lost, and the next evaluation removes them.
 ///
 /// # Errors
-/// If a file or folder cannot be removed.
-pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
+/// If a file or folder cannot be moved or removed.
+pub(crate) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Shards::remove(folder)?;
-    remove(&beside(folder, OLD))?;
+    let old = beside(folder, OLD);
+    if old.is_dir() {
+        Shards::remove(&old)?;
+        clear_temporary(&old).with_context(|| old.display().to_string())?;
+        keep_other_files(&old, folder, "")?;
+    }
+    remove(&old)?;
     let begins = format!("{}", beside(folder, "").file_name().unwrap_or_default().display());
     let results = folder.parent().filter(|results| !results.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let context = || results.display().to_string();
@@ -99,6 +108,39 @@ pub(super) fn tidy(folder: &Path) -> anyhow::Result<()> {
         let hash = name.strip_prefix(&begins).and_then(|rest| rest.strip_suffix(PART));
         if hash.is_some_and(|hash| hash.len() == DIGITS && hash.bytes().all(|digit| digit.is_ascii_hexdigit())) {
             remove(&entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Moves the files below a folder of a replaced run that no command wrote to the same places in the run that replaces it.
+/// `below` is the path of the folder in the run: empty, or with a slash at its end.
+fn keep_other_files(old: &Path, run: &Path, below: &str) -> anyhow::Result<()> {
+    let (from, to) = (old.join(below), run.join(below));
+    for entry in fs::read_dir(&from).with_context(|| from.display().to_string())? {
+        let entry = entry.with_context(|| from.display().to_string())?;
+        let (name, path) = (entry.file_name(), entry.path());
+        // Names of a run's files are text.
+        let in_run = name.to_str().map(|name| format!("{below}{name}"));
+        let inside = in_run.as_ref().map(|path| format!("{path}/"));
+        let files = || RUN_FILES.iter().chain(SPATIAL_RUN_FILES);
+        if in_run.is_some_and(|path| files().any(|file| file.is_at(&path))) {
+            continue;
+        }
+        match inside.filter(|inside| files().any(|file| file.may_be_in(inside))) {
+            Some(inside) if path.is_dir() && !path.is_symlink() => keep_other_files(old, run, &inside)?,
+            _ => {
+                let kept = to.join(name);
+                ensure!(
+                    !kept.exists(),
+                    "{}: found a file, expected none, so that {} can be moved there",
+                    kept.display(),
+                    path.display()
+                );
+                fs::create_dir_all(&to)
+                    .and_then(|()| fs::rename(&path, &kept))
+                    .with_context(|| path.display().to_string())?;
+            }
         }
     }
     Ok(())
@@ -158,6 +200,26 @@ mod tests {
         let folder = results.path().join("run");
         PartFolder::open(&folder, HASHES[0]).unwrap().finish().unwrap();
         assert!(others.iter().all(|other| results.path().join(other).is_dir()));
+    }
+
+    #[test]
+    fn robust_files_of_the_user_stay_when_a_run_is_replaced() {
+        let results = tempfile::tempdir().unwrap();
+        let folder = results.path().join("run");
+        let (kept, replaced) = (
+            ["notes.txt", "estimates/notes.txt", "mine/trials.csv"],
+            ["trials.csv", "figures/a.svg", "figures/all/a_1.svg"],
+        );
+        for path in kept.iter().chain(&replaced).map(|name| folder.join(name)) {
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "old").unwrap();
+        }
+        let part = PartFolder::open(&folder, HASHES[0]).unwrap();
+        fs::create_dir(part.path().join("estimates")).unwrap();
+        part.finish().unwrap();
+        assert!(kept.iter().all(|name| folder.join(name).is_file()), "a file of the user is lost");
+        assert!(replaced.iter().all(|name| !folder.join(name).exists()), "a file of the former run stays");
+        assert_eq!(fs::read_dir(results.path()).unwrap().count(), 1);
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Inputs and outputs of an evaluation.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use serde_json::Value;
 use trace::{Miscalibration, is_plain_name};
 use whisker::estimators::ESTIMATORS;
@@ -17,7 +17,7 @@ use crate::front_end::FrontEndConfig;
 use crate::map::MapConfig;
 use crate::noise::NoiseUnit;
 use crate::participant::{Participant, Program, Registered};
-use crate::results::{FailureRow, SummaryRow};
+use crate::results::{FailureRow, ResultsKind, SummaryRow};
 
 /// Settings of an evaluation.
 #[derive(Clone, Debug, Default)]
@@ -88,24 +88,28 @@ pub struct OmittedEstimator {
     pub calibration: PathBuf,
 }
 
+/// Folder of a run.
+///
+/// # Errors
+/// If the name of the run is no plain folder name.
+pub fn run_folder(results: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    ensure!(is_plain_name(name), "name of the run: found `{name}`, expected a plain folder name");
+    Ok(results.join(name))
+}
+
 impl EvaluateSettings {
     /// Folder of the run.
     ///
     /// # Errors
     /// If the name of the run is no plain folder name.
     pub fn folder(&self) -> anyhow::Result<PathBuf> {
-        if !is_plain_name(&self.name) {
-            bail!("name of the run: found `{}`, expected a plain folder name", self.name);
-        }
-        Ok(self.results.join(&self.name))
+        run_folder(&self.results, &self.name)
     }
 
     /// Folder of the run, which may replace nothing but another run.
     pub(super) fn target(&self) -> anyhow::Result<PathBuf> {
         let folder = self.folder()?;
-        if folder.exists() && !folder.join("run.json").is_file() {
-            bail!("{}: exists and is no run; evaluate under another --name", folder.display());
-        }
+        ResultsKind::Run.check_may_replace(&folder)?;
         Ok(folder)
     }
 

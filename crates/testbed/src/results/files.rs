@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use anyhow::ensure;
 use trace::Outline;
 use whisker::events::DETECTORS;
 
@@ -52,6 +53,8 @@ pub enum Per {
     RecordingAndObject,
     /// One per recording of several whiskers and estimator.
     RecordingAndEstimator,
+    /// One per solid, named after the traces over it, and estimator.
+    SolidAndEstimator,
     /// One per calibrated face of a whisker.
     Face,
     /// One per sensor, if the front end writes such a table.
@@ -67,6 +70,20 @@ pub struct Rows {
     pub label: &'static str,
     /// Parses a file and returns the number of its rows.
     pub count: fn(&Path) -> anyhow::Result<usize>,
+    /// Whether a table without rows is valid.
+    pub may_be_empty: bool,
+}
+
+impl Rows {
+    /// Parses a file and returns the number of its rows.
+    ///
+    /// # Errors
+    /// If it cannot be read or is damaged, or has no rows and needs some.
+    pub fn counted(&self, path: &Path) -> anyhow::Result<usize> {
+        let count = (self.count)(path)?;
+        ensure!(count > 0 || self.may_be_empty, "{}: found no rows, expected at least one", path.display());
+        Ok(count)
+    }
 }
 
 /// One row of the table of a run's files.
@@ -95,13 +112,20 @@ pub struct RunNames<'a> {
     pub sensor_tables: &'a BTreeSet<String>,
 }
 
-/// A table with the columns of a row type.
+/// A table with the columns of a row type: with at least one row, unless it is one `or_none`.
 macro_rules! table {
     ($row:ident, $label:literal) => {
+        table!($row, $label, false)
+    };
+    ($row:ident, $label:literal, or_none) => {
+        table!($row, $label, true)
+    };
+    ($row:ident, $label:literal, $may_be_empty:literal) => {
         Some(Rows {
             of: concat!("`", stringify!($row), "`"),
             label: $label,
             count: |path| Ok(read_rows::<$row>(path)?.len()),
+            may_be_empty: $may_be_empty,
         })
     };
 }
@@ -113,6 +137,7 @@ macro_rules! scores {
             of: concat!("`", stringify!($head), "`, then the metrics"),
             label: $label,
             count: |path| Ok(read_scores::<$head>(path)?.len()),
+            may_be_empty: false,
         })
     };
 }
@@ -122,21 +147,27 @@ const OUTLINE_ROWS: Option<Rows> = Some(Rows {
     of: "an outline as in a dataset",
     label: "true outline",
     count: |path| Ok(Outline::read(path)?.vertices().len()),
+    may_be_empty: false,
 });
 
-/// Declares the files by name and lists them in [`RUN_FILES`].
+/// Declares the files by name and lists them in a registry.
 macro_rules! run_files {
-    ($($constant:ident = $name:literal, $per:ident, $writer:ident, $rows:expr, $about:literal;)+) => {
+    ($(#[$doc:meta])* $registry:ident; $($constant:ident = $name:literal, $per:ident, $writer:ident, $rows:expr, $about:literal;)+) => {
         $(#[doc = concat!("`", $name, "`: ", $about, ".")]
         pub const $constant: RunFile =
             RunFile { name: $name, per: Per::$per, writer: Writer::$writer, rows: $rows, about: $about };)+
 
-        /// The registry of a run's files.
-        pub const RUN_FILES: &[RunFile] = &[$($constant),+];
+        $(#[$doc])*
+        pub const $registry: &[RunFile] = &[$($constant),+];
     };
 }
 
+#[cfg(feature = "evaluation")]
+pub(crate) use {run_files, table};
+
 run_files! {
+    /// The registry of the files of a run in the plane.
+    RUN_FILES;
     RUN = "run.json", Run, Evaluate, None,
         "watermark, noise levels with their unit, seeds, front end with its settings and the calibration of its sensors, settings of the touch detection, estimators with their \
          settings (for a program its command and the hashes of its files), sets of trials, calibrations, whiskers";
@@ -144,21 +175,21 @@ run_files! {
         "one row per trace, estimator, noise level and seed";
     SUMMARY = "summary.csv", Run, Evaluate, scores!(SummaryHead, "summary"),
         "one row per group, whisker, estimator and noise level";
-    FAILURES = "failures.csv", Run, Evaluate, table!(FailureRow, "failed trials"),
+    FAILURES = "failures.csv", Run, Evaluate, table!(FailureRow, "failed trials", or_none),
         "one row per trial that could not be scored, or on which the named estimator failed, with the reason";
-    ERROR_OVER_TIME = "error_over_time.csv", Run, Evaluate, table!(ErrorBandRow, "errors over time"),
+    ERROR_OVER_TIME = "error_over_time.csv", Run, Evaluate, table!(ErrorBandRow, "errors over time", or_none),
         "distribution of the contact error over the trials of a set, in bins of 20 ms since the touch";
-    CONSISTENCY = "consistency.csv", Run, Evaluate, table!(ConsistencyRow, "consistency over time"),
+    CONSISTENCY = "consistency.csv", Run, Evaluate, table!(ConsistencyRow, "consistency over time", or_none),
         "average NEES and NIS with their 95 % intervals, error and posterior Cramér–Rao bound over the trials of a set, in bins of 0.1 s since the touch";
-    CONTOURS = "contours.csv", Run, Evaluate, table!(ContourScoreRow, "scores of outlines"),
+    CONTOURS = "contours.csv", Run, Evaluate, table!(ContourScoreRow, "scores of outlines", or_none),
         "one row per group, whisker, estimator and noise level, for objects other than pins: outline found against the true one";
-    CONTOUR_TRIALS = "contour_trials.csv", Run, Evaluate, table!(ContourTrialRow, "trials of outlines"),
+    CONTOUR_TRIALS = "contour_trials.csv", Run, Evaluate, table!(ContourTrialRow, "trials of outlines", or_none),
         "one row per trace, estimator, noise level and seed: outline found against the true one, and the circle through the outline of a round object";
-    TRACE_CONTOUR = "contours/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(VertexRow, "outline found"),
+    TRACE_CONTOUR = "contours/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(VertexRow, "outline found", or_none),
         "outline found, counter-clockwise, with its covariance, at the first noise level and seed";
     ESTIMATES = "estimates/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(EstimateRow, "estimates"),
         "one row per instant, at the first noise level and seed";
-    BOUND = "bounds/<trace>.csv", Trace, Evaluate, table!(BoundRow, "bound"),
+    BOUND = "bounds/<trace>.csv", Trace, Evaluate, table!(BoundRow, "bound", or_none),
         "one row per instant of contact: posterior Cramér–Rao bound at the first noise level; no rows without noise or truth";
     EVENTS = "events/<trace>.<detector>.csv", TraceAndDetector, Evaluate, table!(EventRow, "contact events"),
         "one row per instant, at the first noise level and seed: state of each contact detector";
@@ -166,15 +197,15 @@ run_files! {
         "true outline of the object";
     OBJECT_OUTLINE = "outlines/<recording>.<object>.csv", RecordingAndObject, Evaluate, OUTLINE_ROWS,
         "true outline of each object of a recording of several whiskers";
-    MAPS = "maps.csv", Run, Evaluate, table!(MapRow, "maps"),
+    MAPS = "maps.csv", Run, Evaluate, table!(MapRow, "maps", or_none),
         "one row per recording of several whiskers, estimator, noise level and seed: contact points of the map against the true outlines, number of objects found";
-    MAP_OBJECTS = "map_objects.csv", Run, Evaluate, table!(MapObjectRow, "objects of maps"),
+    MAP_OBJECTS = "map_objects.csv", Run, Evaluate, table!(MapObjectRow, "objects of maps", or_none),
         "one row per object found in such a map, against the true one";
-    MAP_POINTS = "maps/<recording>.<estimator>.points.csv", RecordingAndEstimator, Evaluate, table!(MapPointRow, "contact points of a map"),
+    MAP_POINTS = "maps/<recording>.<estimator>.points.csv", RecordingAndEstimator, Evaluate, table!(MapPointRow, "contact points of a map", or_none),
         "contact points of all whiskers, at the first noise level and seed";
-    MAP_OUTLINES = "maps/<recording>.<estimator>.outlines.csv", RecordingAndEstimator, Evaluate, table!(MapVertexRow, "outlines of a map"),
+    MAP_OUTLINES = "maps/<recording>.<estimator>.outlines.csv", RecordingAndEstimator, Evaluate, table!(MapVertexRow, "outlines of a map", or_none),
         "outlines of the objects found, at the first noise level and seed";
-    MAP_GRID = "maps/<recording>.<estimator>.grid.csv", RecordingAndEstimator, Evaluate, table!(GridRow, "occupancy grid"),
+    MAP_GRID = "maps/<recording>.<estimator>.grid.csv", RecordingAndEstimator, Evaluate, table!(GridRow, "occupancy grid", or_none),
         "observed cells of the occupancy grid, at the first noise level and seed";
     SURFACE = "models/<whisker>_<face>.surface.csv", Face, Evaluate, table!(SurfaceRow, "sensor model"),
         "sensor model on a grid over its calibrated domain, copied from the calibration";
@@ -249,6 +280,8 @@ impl RunFile {
             Per::RecordingAndEstimator => {
                 run.recordings.iter().flat_map(|recording| each_estimator(&recording.name)).collect()
             }
+            // Runs in the plane have none.
+            Per::SolidAndEstimator => Vec::new(),
             Per::Face => run.calibrations.iter().map(|face| self.name_of(&[&face.whisker, &face.face])).collect(),
             Per::Sensor => {
                 let sensors = run.front_end.sensors.iter();
@@ -257,6 +290,22 @@ impl RunFile {
                 tables.filter(is_written).map(|values| self.name_of(&values)).collect()
             }
         }
+    }
+
+    /// Whether a path in the folder of a run, with slashes, is that of an instance.
+    pub fn is_at(&self, path: &str) -> bool {
+        match self.name.strip_suffix('/') {
+            Some(folder) => {
+                let inside = path.strip_prefix(folder).and_then(|rest| rest.strip_prefix('/'));
+                inside.is_some_and(|name| PICTURES.iter().any(|end| name.ends_with(end)))
+            }
+            None => fits(self.name, path),
+        }
+    }
+
+    /// Whether instances may lie in a folder of a run or below it, given with a slash at its end.
+    pub fn may_be_in(&self, folder: &str) -> bool {
+        self.name.starts_with(folder) || (self.name.ends_with('/') && folder.starts_with(self.name))
     }
 
     /// Rank of the match between this file and a path, of which perhaps only the file name is given: 0 by its whole
@@ -275,9 +324,21 @@ impl RunFile {
     }
 }
 
-/// File of a run at a path, by its name and folder.
-pub fn run_file(path: &Path) -> Option<&'static RunFile> {
-    let identified = RUN_FILES.iter().filter_map(|file| Some((file.identified_by(path)?, file)));
+/// Ends of the names of the files in folders that a run has as a whole.
+const PICTURES: [&str; 3] = [".svg", ".png", ".webp"];
+
+/// Whether a path is a pattern with a name in place of each placeholder.
+fn fits(pattern: &str, path: &str) -> bool {
+    let Some((before, rest)) = pattern.split_once('<') else { return pattern == path };
+    let (_, after) = rest.split_once('>').expect("a placeholder ends");
+    let Some(rest) = path.strip_prefix(before) else { return false };
+    let ends = rest.char_indices().take_while(|(_, letter)| *letter != '/').map(|(at, letter)| at + letter.len_utf8());
+    ends.into_iter().any(|end| fits(after, &rest[end..]))
+}
+
+/// File of a registry at a path, by its name and folder.
+pub fn run_file(registry: &'static [RunFile], path: &Path) -> Option<&'static RunFile> {
+    let identified = registry.iter().filter_map(|file| Some((file.identified_by(path)?, file)));
     identified.min_by_key(|(precision, _)| *precision).map(|(_, file)| file)
 }
 
@@ -300,10 +361,22 @@ mod tests {
         for file in RUN_FILES.iter().filter(|file| file.rows.is_some()) {
             let values = ["one", "two"];
             let path = PathBuf::from("results/run").join(file.name_of(&values[..file.name.matches('<').count()]));
-            let found = run_file(&path).expect("it is in the table");
+            let found = run_file(RUN_FILES, &path).expect("it is in the table");
             // Two files share a folder of outlines.
             assert!(found.name == file.name || file.name == OBJECT_OUTLINE.name, "{}: found {}", file.name, found.name);
         }
-        assert!(run_file(Path::new("datasets/standard/pin.csv")).is_none());
+        assert!(run_file(RUN_FILES, Path::new("datasets/standard/pin.csv")).is_none());
+    }
+
+    #[test]
+    fn verif_files_of_a_run_are_told_from_others_in_its_folder() {
+        let is_own = |path: &str| RUN_FILES.iter().any(|file| file.is_at(path));
+        for file in RUN_FILES.iter().filter(|file| !file.name.ends_with('/')) {
+            assert!(is_own(&file.name_of(&["a.b", "two"][..file.name.matches('<').count()])), "{}", file.name);
+        }
+        assert!(is_own("figures/consistency.svg") && is_own("figures/all/consistency_1.png"));
+        let others =
+            ["notes.txt", "figures/notes.txt", "estimates/notes.csv", "estimates/a/b.c.csv", "x/trials.csv", "maps"];
+        assert!(others.into_iter().all(|other| !is_own(other)));
     }
 }

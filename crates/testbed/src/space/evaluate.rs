@@ -16,10 +16,10 @@ use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::bound::{SpatialBoundAt, bound};
+use super::files::ESTIMATES;
 use super::object::TrueObject;
 use super::participant::{Participant, participants};
 use super::replay::{calibrated, samples};
-use super::run::estimates_file;
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
@@ -249,7 +249,7 @@ pub fn evaluate(
     evaluate_keeping(dataset, settings, None, progress)
 }
 
-/// As [`evaluate()`], and writes the estimates with the first seed, at up to [`KEPT`] instants of every trial, into a folder.
+/// As [`evaluate()`], and writes the estimates with the first seed, at up to [`KEPT`] instants of every trial, into the folder of a run.
 pub(super) fn evaluate_keeping(
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,
@@ -383,7 +383,7 @@ impl Prepared {
             let row_of = |i| {
                 spatial_estimate_row(&self.trace, &self.calibrated, i, readings_n_m[i], replayed.estimates[i].as_ref())
             };
-            write_rows(&folder.join(estimates_file(trace, name)), kept.map(row_of))?;
+            write_rows(&ESTIMATES.path_of(folder, &[trace, name]), kept.map(row_of))?;
         }
         let within = |degrees: f64| Ok::<_, anyhow::Error>(ChiSquared::new(degrees)?.inverse_cdf(PROBABILITY));
         let within = [within(1.0)?, within(3.0)?];

@@ -7,6 +7,8 @@ mod estimates;
 #[cfg(feature = "evaluation")]
 pub mod evaluate;
 #[cfg(feature = "evaluation")]
+pub mod files;
+#[cfg(feature = "evaluation")]
 pub mod fit;
 #[cfg(feature = "evaluation")]
 mod glb;

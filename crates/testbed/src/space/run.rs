@@ -1,10 +1,8 @@
 //! Runs of evaluations in space: a folder with the tables and a description of the inputs.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use files::{Watermark, read_json, sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
@@ -17,32 +15,19 @@ use super::SpatialEstimateRow;
 use super::evaluate::{
     SpatialEvaluateSettings, SpatialEvaluated, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, evaluate_keeping,
 };
+use super::files::{
+    ESTIMATES, FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES, TRIALS,
+};
 use super::map::{SpatialMap, Sweep};
 use super::participant::described;
 use super::solid::Solid;
 use crate::dataset::Dataset;
+use crate::evaluate::part_folder::{PartFolder, restore, tidy};
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
 use crate::provenance::evaluation_watermark;
-use crate::results::{FailureRow, csv_bytes, read_rows};
+use crate::results::files::{Per, RunFile, Writer};
+use crate::results::{FailureRow, ResultsKind, csv_bytes, read_rows};
 use crate::statistics;
-
-const RUN: &str = "space_run.json";
-const TRIALS: &str = "space_trials.csv";
-const SUMMARY: &str = "space_summary.csv";
-const TIMES: &str = "space_times.csv";
-const FAILURES: &str = "space_failures.csv";
-const ESTIMATES: &str = "space_estimates";
-
-const MAPS: &str = "space_maps";
-const MAP_SCORES: &str = "space_maps.csv";
-
-/// Estimates of a run that is being evaluated.
-const ESTIMATES_PART: &str = ".space_estimates.part";
-
-/// Name of the table of the estimates of one estimator on one trace.
-pub(super) fn estimates_file(trace: &str, estimator: &str) -> String {
-    format!("{trace}.{estimator}.csv")
-}
 
 /// A trial of a run in space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -124,7 +109,7 @@ impl SpatialRun {
     /// # Errors
     /// If it cannot be read.
     pub fn read(folder: &Path) -> anyhow::Result<Option<Self>> {
-        let path = folder.join(RUN);
+        let path = RUN.path(folder);
         Ok(if path.is_file() { Some(read_json(&path)?) } else { None })
     }
 
@@ -133,7 +118,7 @@ impl SpatialRun {
     /// # Errors
     /// If the table cannot be read.
     pub fn summary(folder: &Path) -> anyhow::Result<Vec<SpatialSummaryRow>> {
-        read_rows(&folder.join(SUMMARY))
+        read_rows(&SUMMARY.path(folder))
     }
 
     /// One row per trace, estimator and seed of the run in a folder.
@@ -141,7 +126,7 @@ impl SpatialRun {
     /// # Errors
     /// If the table cannot be read.
     pub fn trials(folder: &Path) -> anyhow::Result<Vec<SpatialTrialRow>> {
-        read_rows(&folder.join(TRIALS))
+        read_rows(&TRIALS.path(folder))
     }
 
     /// Times of the steps of the run in a folder, one row per estimator. They depend on the machine.
@@ -149,7 +134,7 @@ impl SpatialRun {
     /// # Errors
     /// If the table cannot be read.
     pub fn times(folder: &Path) -> anyhow::Result<Vec<SpatialTimesRow>> {
-        read_rows(&folder.join(TIMES))
+        read_rows(&TIMES.path(folder))
     }
 
     /// Estimates of one estimator on one trace with the first seed, at evenly spaced instants.
@@ -157,7 +142,7 @@ impl SpatialRun {
     /// # Errors
     /// If the table cannot be read.
     pub fn estimates(folder: &Path, trace: &str, estimator: &str) -> anyhow::Result<Vec<SpatialEstimateRow>> {
-        read_rows(&folder.join(ESTIMATES).join(estimates_file(trace, estimator)))
+        read_rows(&ESTIMATES.path_of(folder, &[trace, estimator]))
     }
 
     /// Trials on which an external program failed, of the run in a folder.
@@ -165,7 +150,35 @@ impl SpatialRun {
     /// # Errors
     /// If the table cannot be read.
     pub fn failures(folder: &Path) -> anyhow::Result<Vec<FailureRow>> {
-        read_rows(&folder.join(FAILURES))
+        read_rows(&FAILURES.path(folder))
+    }
+
+    /// Trials by the solid that they sweep over, in order of their first trial.
+    fn solids(&self) -> Vec<Swept<'_>> {
+        let mut solids: Vec<Swept<'_>> = Vec::new();
+        for trial in &self.trials {
+            match solids.iter_mut().find(|swept| *swept.solid == trial.solid) {
+                Some(swept) => swept.trials.push(trial),
+                None => solids.push(Swept { solid: &trial.solid, trials: vec![trial] }),
+            }
+        }
+        solids
+    }
+
+    /// Whether a folder has all files of the run.
+    fn is_complete(&self, folder: &Path) -> bool {
+        let traces: Vec<String> = self.solids().iter().map(|swept| joined(&swept.trials)).collect();
+        let is_there = |file: &RunFile, name: &str, estimator: &str| file.path_of(folder, &[name, estimator]).is_file();
+        SPATIAL_RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).all(|file| match file.per {
+            Per::TraceAndEstimator => self
+                .estimators
+                .keys()
+                .all(|estimator| self.trials.iter().all(|trial| is_there(file, &trial.trace, estimator))),
+            Per::SolidAndEstimator => {
+                self.estimators.keys().all(|estimator| traces.iter().all(|traces| is_there(file, traces, estimator)))
+            }
+            _ => file.path(folder).is_file(),
+        })
     }
 
     /// Differences in settings from another run.
@@ -182,6 +195,17 @@ impl SpatialRun {
         let settings = self.estimators.iter().filter(changed).map(|(name, _)| format!("settings of `{name}`"));
         lists.into_iter().flatten().chain(settings).collect()
     }
+}
+
+/// A solid, and the trials that sweep over it.
+struct Swept<'a> {
+    solid: &'a Value,
+    trials: Vec<&'a SpatialRunTrial>,
+}
+
+/// Names of the traces of some trials, joined by `+`.
+fn joined(trials: &[&SpatialRunTrial]) -> String {
+    trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+")
 }
 
 /// Map of one solid by one estimator, against the true solid.
@@ -206,34 +230,23 @@ pub struct SpatialMapRow {
 
 /// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.
 fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
-    let maps = folder.join(MAPS);
-    remove(&maps)?;
-    fs::create_dir_all(&maps).with_context(|| maps.display().to_string())?;
-    let mut solids: Vec<(&Value, Vec<&SpatialRunTrial>)> = Vec::new();
-    for trial in &run.trials {
-        match solids.iter_mut().find(|(solid, _)| **solid == trial.solid) {
-            Some((_, trials)) => trials.push(trial),
-            None => solids.push((&trial.solid, vec![trial])),
-        }
-    }
-    let work: Vec<_> = solids
-        .iter()
-        .flat_map(|(solid, trials)| run.estimators.keys().map(move |estimator| (*solid, trials, estimator)))
-        .collect();
+    let solids = run.solids();
+    let work: Vec<_> =
+        solids.iter().flat_map(|solid| run.estimators.keys().map(move |estimator| (solid, estimator))).collect();
     let scores: Vec<anyhow::Result<SpatialMapRow>> = work
         .par_iter()
-        .map(|(description, trials, estimator)| {
+        .map(|(Swept { solid, trials }, estimator)| {
             let tables = trials.iter().map(|trial| SpatialRun::estimates(folder, &trial.trace, estimator));
             let tables: Vec<Vec<SpatialEstimateRow>> = tables.collect::<anyhow::Result<_>>()?;
             let sweeps: Vec<Sweep<'_>> =
                 trials.iter().zip(&tables).map(|(trial, rows)| Sweep { whisker: &trial.whisker, rows }).collect();
             let map = SpatialMap::new(&sweeps)?;
-            let traces = trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+");
-            let file = |kind: &str| maps.join(format!("{traces}.{estimator}.{kind}"));
-            write_atomically(&file("ply"), map.to_ply().as_bytes())?;
-            write_atomically(&file("glb"), &map.to_glb())?;
-            write_atomically(&file("voxels.csv"), &csv_bytes(&map.voxels)?)?;
-            let distances = Solid::of_scene(description).map(|solid| map.distances_m(&solid)).unwrap_or_default();
+            let traces = joined(trials);
+            let path = |file: RunFile| file.path_of(folder, &[&traces, estimator]);
+            write_atomically(&path(MAP_POINTS), map.to_ply().as_bytes())?;
+            write_atomically(&path(MAP_SCENE), &map.to_glb())?;
+            write_atomically(&path(MAP_VOXELS), &csv_bytes(&map.voxels)?)?;
+            let distances = Solid::of_scene(solid).map(|solid| map.distances_m(&solid)).unwrap_or_default();
             Ok(SpatialMapRow {
                 traces,
                 estimator: (*estimator).clone(),
@@ -246,7 +259,7 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
         })
         .collect();
     let scores: Vec<SpatialMapRow> = scores.into_iter().collect::<anyhow::Result<_>>()?;
-    Ok(write_atomically(&folder.join(MAP_SCORES), &csv_bytes(&scores)?)?)
+    Ok(write_atomically(&MAP_SCORES.path(folder), &csv_bytes(&scores)?)?)
 }
 
 /// A run in space that has been written, or was found up to date.
@@ -264,10 +277,11 @@ pub struct SpatialWritten {
 
 /// Evaluates a dataset and writes the tables into a folder, unless a run with the same inputs is there. A finished run with
 /// the same settings is replaced when its traces, its calibrations or the code have changed; one with other settings only
-/// if `force` is set.
+/// if `force` is set. Files of the user in the folder are kept.
 ///
 /// # Errors
-/// As [`super::evaluate::evaluate()`], and if a finished run has other settings or a file cannot be written.
+/// As [`super::evaluate::evaluate()`], and if the folder holds other results, a finished run has other settings or a file
+/// cannot be written.
 pub fn evaluate_into(
     folder: &Path,
     dataset: &Dataset,
@@ -275,48 +289,51 @@ pub fn evaluate_into(
     force: bool,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialWritten> {
-    let [run_path, trials_path, summary_path, times_path, failures_path] =
-        [RUN, TRIALS, SUMMARY, TIMES, FAILURES].map(|name| folder.join(name));
+    ResultsKind::SpatialRun.check_may_replace(folder)?;
+    restore(folder)?;
     let run = SpatialRun::new(dataset, settings)?;
-    if run_path.is_file() {
-        let old: Result<SpatialRun, _> = read_json(&run_path);
+    if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
+            && run.is_complete(folder)
             && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
             && let (Ok(times), Ok(failures)) = (SpatialRun::times(folder), SpatialRun::failures(folder))
         {
+            tidy(folder)?;
             return Ok(SpatialWritten { summary, times, failures, is_new: false });
         }
         if !force {
-            check_same(folder, old.map(|old| old.differences(&run)).map_err(Into::into))?;
+            check_same(folder, old.map(|old| old.differences(&run)))?;
         }
     }
-    // Estimates are written while they are computed, beside those of a former run, which is complete until the tables come.
-    let [estimates, part] = [ESTIMATES, ESTIMATES_PART].map(|name| folder.join(name));
-    remove(&part)?;
-    fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
-    let evaluated = evaluate_keeping(dataset, settings, Some(&part), progress)?;
-    // The description goes first and comes last, so that it never stands beside tables of another run.
-    if run_path.is_file() {
-        fs::remove_file(&run_path).with_context(|| run_path.display().to_string())?;
-    }
-    remove(&estimates)?;
-    fs::rename(&part, &estimates).with_context(|| estimates.display().to_string())?;
-    write_maps(folder, &run)?;
-    write_atomically(&trials_path, &csv_bytes(&evaluated.trials)?)?;
-    write_atomically(&summary_path, &csv_bytes(&evaluated.summary)?)?;
-    write_atomically(&times_path, &csv_bytes(&evaluated.times)?)?;
-    write_atomically(&failures_path, &csv_bytes(&evaluated.failures)?)?;
-    write_json(&run_path, &run)?;
+    let part = PartFolder::open(folder, &run.watermark.inputs_sha256)?;
+    let evaluated = match write(part.path(), dataset, settings, &run, progress) {
+        Ok(evaluated) => evaluated,
+        Err(error) => {
+            part.discard()?;
+            return Err(error);
+        }
+    };
+    part.finish()?;
     let SpatialEvaluated { summary, times, failures, .. } = evaluated;
     Ok(SpatialWritten { summary, times, failures, is_new: true })
 }
 
-/// Removes a folder, if it is there.
-fn remove(folder: &Path) -> anyhow::Result<()> {
-    if folder.is_dir() {
-        fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
-    }
-    Ok(())
+/// Evaluates a dataset and writes all files of the run into a folder.
+fn write(
+    folder: &Path,
+    dataset: &Dataset,
+    settings: &SpatialEvaluateSettings,
+    run: &SpatialRun,
+    progress: &ProgressBar,
+) -> anyhow::Result<SpatialEvaluated> {
+    let evaluated = evaluate_keeping(dataset, settings, Some(folder), progress)?;
+    write_maps(folder, run)?;
+    write_atomically(&TRIALS.path(folder), &csv_bytes(&evaluated.trials)?)?;
+    write_atomically(&SUMMARY.path(folder), &csv_bytes(&evaluated.summary)?)?;
+    write_atomically(&TIMES.path(folder), &csv_bytes(&evaluated.times)?)?;
+    write_atomically(&FAILURES.path(folder), &csv_bytes(&evaluated.failures)?)?;
+    write_json(&RUN.path(folder), run)?;
+    Ok(evaluated)
 }
 
 impl SpatialEvaluateSettings {

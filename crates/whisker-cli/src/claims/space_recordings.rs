@@ -7,7 +7,10 @@ use recorded::benchmark::{FIXED, FaceScore, MapScore, PAPER, PinSummary, SweepSc
 use serde::de::DeserializeOwned;
 use testbed::results::read_rows;
 
-use super::{Claim, Context, Relation, real, worst};
+use super::{Claim, Context, Relation, worst};
+
+/// Folder of the tables.
+const RUN: &str = "recordings";
 
 const MAPS: &str = "space_maps.csv";
 const PINS: &str = "space_pins_summary.csv";
@@ -195,7 +198,7 @@ fn has_recordings(context: &Context) -> bool {
 }
 
 fn folder(context: &Context) -> PathBuf {
-    context.results.join(real::RUN)
+    context.results.join(RUN)
 }
 
 fn rows<Row: DeserializeOwned>(context: &Context, table: &str) -> anyhow::Result<Vec<Row>> {

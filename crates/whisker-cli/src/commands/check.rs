@@ -5,12 +5,16 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use files::read_json;
+use recorded::benchmark::{FaceScore, MapScore, PinSummary, SettingsUsed, SweepScore};
+use recorded::pins::PinScore;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
 use testbed::plausibility::{Subject, spatial_findings};
-use testbed::results::files::run_file;
-use testbed::results::{Run, read_rows};
+use testbed::results::files::{Rows, run_file};
+use testbed::results::{RUN_FILES, ResultsKind, Run, read_rows};
+use testbed::space::SpatialRun;
+use testbed::space::files::SPATIAL_RUN_FILES;
 use trace::{
     ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
     SpatialCertificate, SpatialTrace, Suite, Trace, is_spatial,
@@ -19,7 +23,7 @@ use trace::{
 use super::{print, python};
 use crate::claims::MeasuredClaim;
 
-/// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs
+/// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs, tables of `whisker recordings`
 ///
 /// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face
 /// and size of the moment against whisker, calibration and true contact. A suite is compared with its traces in
@@ -75,6 +79,14 @@ fn check(path: &Path) -> anyhow::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     if let Some(found) = check_table(path)? {
         return Ok(found);
+    }
+    if name == ResultsKind::SpatialRun.file() {
+        let run: SpatialRun = read_json(path)?;
+        return Ok(format!("run in space `{}` of {} estimators", run.name, run.estimators.len()));
+    }
+    if name == ResultsKind::Recordings.file() {
+        let settings: SettingsUsed = read_json(path)?;
+        return Ok(format!("settings of `whisker recordings` on {} calibrations", settings.kernels.len()));
     }
     for ending in [".joints.csv", ".objects.csv"] {
         if name.ends_with(ending) {
@@ -152,23 +164,59 @@ fn check(path: &Path) -> anyhow::Result<String> {
 struct Table {
     /// Whole name, or end of the name.
     end: &'static str,
-    label: &'static str,
-    /// Parses a file and returns the number of its rows.
-    count: fn(&Path) -> anyhow::Result<usize>,
+    rows: Rows,
+}
+
+/// A table with the columns of a row type.
+macro_rules! table {
+    ($end:literal, $row:ident, $label:literal, $may_be_empty:literal) => {
+        Table {
+            end: $end,
+            rows: Rows {
+                of: stringify!($row),
+                label: $label,
+                count: |path| Ok(read_rows::<$row>(path)?.len()),
+                may_be_empty: $may_be_empty,
+            },
+        }
+    };
 }
 
 const OTHER_TABLES: [Table; 2] = [
-    Table { end: ".contour.csv", label: "outline", count: |path| Ok(Outline::read(path)?.vertices().len()) },
-    Table { end: "claims.csv", label: "claims", count: |path| Ok(read_rows::<MeasuredClaim>(path)?.len()) },
+    Table {
+        end: ".contour.csv",
+        rows: Rows {
+            of: "Outline",
+            label: "outline",
+            count: |path| Ok(Outline::read(path)?.vertices().len()),
+            may_be_empty: false,
+        },
+    },
+    table!("claims.csv", MeasuredClaim, "claims", false),
+];
+
+/// Tables of `whisker recordings`. A clone may hold no trials with pins and no sweeps.
+const RECORDED_TABLES: [Table; 6] = [
+    table!("space_maps.csv", MapScore, "sensor models of recordings", false),
+    table!("space_pins.csv", PinScore, "pins of recordings", true),
+    table!("space_pins_summary.csv", PinSummary, "summary of the pins of recordings", true),
+    table!("space_sweeps.csv", SweepScore, "sweeps of recordings", true),
+    table!("space_sweeps_paper.csv", SweepScore, "sweeps of recordings by the published filter", true),
+    table!("space_faces.csv", FaceScore, "faces of the objects of recordings", true),
 ];
 
 /// Parses a table that generator, fit or evaluation writes. `None` if the path is not that of one.
 fn check_table(path: &Path) -> anyhow::Result<Option<String>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let other = OTHER_TABLES.iter().find(|table| name.ends_with(table.end)).map(|table| (table.label, table.count));
-    let of_run = || run_file(path).and_then(|file| file.rows).map(|rows| (rows.label, rows.count));
-    let Some((label, count)) = other.or_else(of_run) else { return Ok(None) };
-    Ok(Some(format!("{label} with {} rows", count(path)?)))
+    let other = || OTHER_TABLES.iter().find(|table| name.ends_with(table.end)).map(|table| table.rows);
+    let recorded = || RECORDED_TABLES.iter().find(|table| name == table.end).map(|table| table.rows);
+    let of_run = |registry| run_file(registry, path).and_then(|file| file.rows);
+    // Runs in space have a table of the same name as one of the recordings.
+    let is_recorded = path.parent().is_some_and(|folder| ResultsKind::Recordings.is_in(folder));
+    let known = other().or_else(|| recorded().filter(|_| is_recorded));
+    let known = known.or_else(|| of_run(SPATIAL_RUN_FILES)).or_else(|| of_run(RUN_FILES)).or_else(recorded);
+    let Some(rows) = known else { return Ok(None) };
+    Ok(Some(format!("{} with {} rows", rows.label, rows.counted(path)?)))
 }
 
 /// Checks a recording of several whiskers with all its files.

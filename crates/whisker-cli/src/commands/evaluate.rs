@@ -14,7 +14,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share};
+use testbed::evaluate::{
+    EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
+};
 use testbed::front_end::{FRONT_ENDS, FrontEnd};
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
@@ -142,7 +144,7 @@ pub(super) struct Arguments {
     /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Replace a finished run of the same name that has other settings
+    /// Replace a finished run of the same name that has other settings; a run with the same inputs is up to date and stays
     #[arg(long)]
     force: bool,
     /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or
@@ -172,6 +174,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let choice = arguments.front_end.choice();
     let front_end = FrontEnd::new(&choice)?;
     if datasets.iter().map(Dataset::is_spatial).collect::<anyhow::Result<Vec<_>>>()?.contains(&true) {
+        let of_plane = [("touch", touch.is_some()), ("map", map.is_some())];
+        if let Some((key, _)) = of_plane.into_iter().find(|(_, is_given)| *is_given) {
+            let path = arguments.config.as_deref().unwrap_or(Path::new("--config"));
+            bail!(
+                "{}: {key}: found settings that do not apply to traces in space, expected those of estimators",
+                path.display()
+            );
+        }
         return in_space(arguments, &datasets, config, programs, &front_end);
     }
     let (noise, noise_unit) = match &arguments.noise {
@@ -189,10 +199,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         programs,
         config,
         front_end: choice,
-        touch,
+        touch: touch.unwrap_or_default(),
         starts: arguments.starts.into(),
         encoders: arguments.encoders.clone(),
-        map,
+        map: map.unwrap_or_default(),
         seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
         noise,
         noise_unit,
@@ -204,13 +214,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let folder = settings.folder()?;
     let inputs = inputs(arguments, &datasets);
-    check_apart(&folder, &inputs)?;
-    for dataset in &datasets {
-        if lies_in(&dataset.folder, &folder)? {
-            let (traces, run) = (dataset.folder.display(), folder.display());
-            bail!("{traces}: lies in {run}, which the run would replace; give another --name or --results");
-        }
-    }
+    check_run_folder(&folder, &inputs, &datasets)?;
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
@@ -259,9 +263,9 @@ fn in_space(
     if let Some((option, _)) = options.into_iter().find(|(_, is_given)| *is_given) {
         bail!("{option}: does not apply to traces in space, which are evaluated with white noise relative to each set");
     }
-    let folder = arguments.results.join(arguments.name.as_ref().unwrap_or(&dataset.name));
+    let folder = run_folder(&arguments.results, arguments.name.as_ref().unwrap_or(&dataset.name))?;
     let inputs = inputs(arguments, datasets);
-    check_apart(&folder, &inputs)?;
+    check_run_folder(&folder, &inputs, datasets)?;
     let _lock = reserve_folder(&folder, &inputs)?;
     let evaluation = Evaluation {
         estimators: arguments.estimators.clone(),
@@ -333,6 +337,18 @@ fn note_former_names(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Checks that the folder of a run is none of the inputs, and that neither contains the other.
+fn check_run_folder(folder: &Path, inputs: &[PathBuf], datasets: &[Dataset]) -> anyhow::Result<()> {
+    check_apart(folder, inputs)?;
+    for dataset in datasets {
+        if lies_in(&dataset.folder, folder)? {
+            let (traces, run) = (dataset.folder.display(), folder.display());
+            bail!("{traces}: lies in {run}, which the run would replace; give another --name or --results");
+        }
+    }
+    Ok(())
+}
+
 /// Files and folders that the evaluation reads.
 fn inputs(arguments: &Arguments, datasets: &[Dataset]) -> Vec<PathBuf> {
     let of_datasets = datasets.iter().flat_map(|dataset| [dataset.input.clone(), dataset.folder.clone()]);
@@ -381,10 +397,10 @@ fn states_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<bo
 /// Contents of the file of settings.
 #[derive(Default, Deserialize, Serialize)]
 struct Config {
-    #[serde(default)]
-    touch: TouchConfig,
-    #[serde(default)]
-    map: MapConfig,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    touch: Option<TouchConfig>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    map: Option<MapConfig>,
     #[serde(flatten)]
     estimators: BTreeMap<String, Value>,
 }

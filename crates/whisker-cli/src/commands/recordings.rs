@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::slice;
 
 use recorded::benchmark::{FaceScore, MapScore, PAPER, PinSummary, SweepScore, run as evaluate};
+use testbed::results::ResultsKind;
 
 use super::output::reserve_folder;
 use super::{FINISHED_WITH_FAILURES, print, table};
@@ -18,12 +19,13 @@ pub(super) struct Arguments {
     /// Clone of the repository
     folder: PathBuf,
     /// Folder for the tables
-    #[arg(long, default_value = "results/stanford")]
+    #[arg(long, default_value = "results/recordings")]
     out: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let _lock = reserve_folder(&arguments.out, slice::from_ref(&arguments.folder))?;
+    ResultsKind::Recordings.check_may_replace(&arguments.out)?;
     let found = evaluate(&arguments.folder, &arguments.out, &|name| eprintln!("{name}"))?;
     let map = |row: &MapScore| {
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);

@@ -9,9 +9,10 @@ use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
 use crate::tools::{run as run_command, whisker};
 
-/// Importer of the recordings, and the name of the run on them.
+/// Importer of the recordings, the name of the run on them, and that of their evaluation in space.
 const FORMAT: &str = "stanford-whisker";
 const RUN: &str = "stanford";
+const IN_SPACE: &str = "recordings";
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let (arguments, is_forced) = match arguments {
@@ -28,11 +29,11 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
 /// Imports, fits and evaluates the recordings in a folder, and keeps their tables.
 pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     evaluations.of_recordings(FORMAT, folder, RUN)?;
-    let out = format!("results/{RUN}");
+    let out = format!("results/{IN_SPACE}");
     step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
-    kept::keep(RUN, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
-    kept::keep(RUN, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
+    kept::keep(IN_SPACE, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
+    kept::keep(IN_SPACE, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
 }
 
 /// Folder of the recordings, as a path that does not depend on the working directory.
