@@ -200,7 +200,7 @@ impl WhiskerFit<'_> {
                 self.traces[0].sidecar.name
             );
         }
-        let data_sha256 = data_sha256(self.traces.iter().map(|trace| &trace.sidecar));
+        let data_sha256 = data_sha256(self.traces.iter().map(|trace| trace.sidecar.data_sha256()));
         let watermark = self.watermark(&data_sha256)?;
         let path = self.out.join(format!("{}.json", whisker.name));
         check_replaces_calibration(&path, files::FORMAT)?;

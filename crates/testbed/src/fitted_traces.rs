@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use files::sha256_of_file;
-use trace::{CalibrationFile, Role, Sidecar, data_sha256};
+use trace::{FittedTraces, Role, TraceData, data_sha256};
 
 use crate::dataset::{CALIBRATIONS, Dataset};
 
@@ -13,7 +13,8 @@ use crate::dataset::{CALIBRATIONS, Dataset};
 ///
 /// # Errors
 /// If a trace is missing, damaged, or other than at the fit. `path` is the path of the calibration.
-pub fn check_fitted_traces(path: &Path, calibration: &CalibrationFile) -> anyhow::Result<()> {
+pub fn check_fitted_traces<'a>(path: &Path, calibration: impl Into<FittedTraces<'a>>) -> anyhow::Result<()> {
+    let calibration = calibration.into();
     let Some(folder) = folder_of_traces(path)? else { return Ok(()) };
     let csv = |name: &String| folder.join(name).with_extension("csv");
     let (found, missing): (Vec<&String>, Vec<&String>) =
@@ -25,11 +26,12 @@ pub fn check_fitted_traces(path: &Path, calibration: &CalibrationFile) -> anyhow
     if let Some(name) = missing.first() {
         bail!("{}: traces: {} is missing, to which it was fitted; {remedy}", path.display(), csv(name).display());
     }
-    let mut sidecars = Vec::new();
+    let mut present = Vec::new();
     for name in found {
-        sidecars.push(unchanged(&csv(name)).with_context(|| format!("{}: traces", path.display()))?);
+        let data = (calibration.read)(&csv(name)).map_err(Into::into).and_then(|data| unchanged(&folder, data));
+        present.push(data.with_context(|| format!("{}: traces", path.display()))?);
     }
-    if data_sha256(&sidecars) != calibration.data_sha256 {
+    if data_sha256(present) != calibration.data_sha256 {
         bail!(
             "{}: data_sha256: found a fit to other data than those of its traces in {} now: they have changed, or \
             another version of whisker made the fit; {remedy}",
@@ -44,11 +46,15 @@ pub fn check_fitted_traces(path: &Path, calibration: &CalibrationFile) -> anyhow
 ///
 /// # Errors
 /// If a sidecar cannot be read, or the calibration was not fitted to a trace. `path` is the path of the calibration.
-pub fn check_fitted_to_all(path: &Path, calibration: &CalibrationFile, dataset: &Dataset) -> anyhow::Result<()> {
+pub fn check_fitted_to_all<'a>(
+    path: &Path,
+    calibration: impl Into<FittedTraces<'a>>,
+    dataset: &Dataset,
+) -> anyhow::Result<()> {
+    let calibration = calibration.into();
     for csv in &dataset.paths {
-        let Sidecar { name, role, whisker, .. } = Sidecar::read(csv)?;
-        if role == Role::Calibration && whisker.name == calibration.whisker.name && !calibration.traces.contains(&name)
-        {
+        let TraceData { name, role, whisker, .. } = (calibration.read)(csv)?;
+        if role == Role::Calibration && whisker == calibration.whisker && !calibration.traces.contains(&name) {
             bail!(
                 "{}: traces: was not fitted to {}; run `whisker fit {}` with the options of the first fit",
                 path.display(),
@@ -73,15 +79,14 @@ fn folder_of_traces(path: &Path) -> anyhow::Result<Option<PathBuf>> {
     Ok(of(&path.canonicalize().with_context(|| path.display().to_string())?))
 }
 
-/// Sidecar of a trace whose files have the hashes that the sidecar states.
-fn unchanged(csv: &Path) -> anyhow::Result<Sidecar> {
-    let sidecar = Sidecar::read(csv)?;
-    let contour = sidecar.contour.iter().map(|contour| (csv.with_file_name(&contour.file), &contour.sha256));
-    for (file, expected) in [(csv.to_path_buf(), &sidecar.csv_sha256)].into_iter().chain(contour) {
+/// Hash of the data of a trace in a folder, whose files have the hashes that its sidecar states.
+fn unchanged(folder: &Path, data: TraceData) -> anyhow::Result<String> {
+    for (name, expected) in &data.files {
+        let file = folder.join(name);
         let found = sha256_of_file(&file)?;
         if found != *expected {
             bail!("{}: sha256: found {found}, expected {expected}, as stated by its sidecar", file.display());
         }
     }
-    Ok(sidecar)
+    Ok(data.sha256)
 }

@@ -13,6 +13,7 @@ use testbed::fit::Models;
 use testbed::participant::Program;
 use testbed::space::evaluate::{SpatialEvaluateSettings, evaluate};
 use testbed::space::fit::{SpatialFitSettings, fit};
+use testbed::space::replay::read_calibration;
 use testbed::space::{SpatialRun, SpatialWritten, evaluate_into};
 use trace::{
     CalibrationFile, Feature, Role, SpatialCalibrationFile, SpatialContactTruth, SpatialInstant, SpatialPose,
@@ -207,6 +208,52 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
     let changed = run(0.02, &["point", "line"], false).unwrap();
     assert!(changed.is_new, "a stale run was kept");
     assert_eq!(changed.times[0].p99_us, None, "a time of a step although no step had an estimate");
+}
+
+#[test]
+fn robust_a_calibration_of_changed_or_other_traces_is_refused_even_if_the_run_is_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    let results = folder.path().join("results");
+    let fit = |dataset: &Dataset| {
+        fit(dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0)
+    };
+    let run = || {
+        let dataset = Dataset::open(folder.path(), None).unwrap();
+        evaluate_into(&results, &dataset, &settings(&["point"], &[1]), false, &ProgressBar::hidden())
+    };
+    let refused = |error: anyhow::Error, words: &[&str]| {
+        let message = format!("{error:#}");
+        for word in words.iter().chain(&["curved.json", "whisker fit"]) {
+            assert!(message.contains(word), "does not contain `{word}`: {message}");
+        }
+    };
+    let made = dataset(folder.path(), 9);
+    let path = fit(&made).path;
+    assert!(run().unwrap().is_new && !run().unwrap().is_new);
+
+    let rod = golden().sidecar.rod().unwrap();
+    let write = |name: &str, directions: u32| {
+        trace(name, Role::Calibration, &rod, &lines(directions)).write(folder.path()).unwrap();
+    };
+    write("lines", 10);
+    refused(run().unwrap_err(), &["data_sha256", "have changed"]);
+    refused(read_calibration(&path).unwrap_err(), &["data_sha256", "have changed"]);
+    assert!(fit(&made).is_new);
+    assert!(run().unwrap().is_new);
+
+    write("more_lines", 9);
+    refused(run().unwrap_err(), &["was not fitted to", "more_lines.csv"]);
+    fit(&Dataset::open(folder.path(), None).unwrap());
+    for end in ["csv", "json"] {
+        fs::remove_file(folder.path().join("more_lines").with_extension(end)).unwrap();
+    }
+    refused(run().unwrap_err(), &["more_lines.csv is missing"]);
+    refused(read_calibration(&path).unwrap_err(), &["more_lines.csv is missing"]);
+
+    // A calibration without its traces cannot be compared.
+    let copy = folder.path().join("copy.json");
+    fs::copy(&path, &copy).unwrap();
+    read_calibration(&copy).unwrap();
 }
 
 /// Result of a shell script as the only participant, on a folder with [`dataset`].

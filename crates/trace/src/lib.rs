@@ -43,6 +43,7 @@ mod calibration;
 mod certificate;
 mod characteristic;
 mod effects;
+mod fitted;
 mod object_class;
 mod outline;
 mod rows;
@@ -61,11 +62,12 @@ pub use calibration::{
 pub use certificate::{Breach, Certificate};
 pub use characteristic::{Characteristic, through_zero};
 pub use effects::{Miscalibration, ReplayEffects};
+pub use fitted::{FittedTraces, TraceData, data_sha256};
 pub use object_class::ObjectClass;
 pub use outline::Outline;
 pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
-pub use sidecar::{Contour, Generator, RATES_HZ, Recorded, Role, Sidecar, data_sha256, is_plain_name};
+pub use sidecar::{Contour, Generator, RATES_HZ, Recorded, Role, Sidecar, is_plain_name};
 pub use spatial::{
     Feature, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialCertificate, SpatialContactTruth,
     SpatialInstant, SpatialModelFile, SpatialPose, SpatialRecording, SpatialSidecar, SpatialTrace, SpatialTruth,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use files::{Digest, Error, FORMAT, read_json, sha256};
+use files::{Error, FORMAT, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
@@ -253,15 +253,6 @@ pub(crate) fn hash_of_data(sidecar: &impl Serialize) -> String {
         value.as_object_mut().expect("a struct is an object").shift_remove(key);
     }
     sha256(value.to_string())
-}
-
-/// Hash of the data of several traces, in this order.
-pub fn data_sha256<'a>(sidecars: impl IntoIterator<Item = &'a Sidecar>) -> String {
-    let mut data = Digest::default();
-    for sidecar in sidecars {
-        data.add(sidecar.data_sha256());
-    }
-    data.finish()
 }
 
 /// Whether a name is a single path component without control characters.

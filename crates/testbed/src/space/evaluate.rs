@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
-use trace::{Role, SpatialInstant, SpatialSidecar, SpatialTrace, SpatialTruthInstant};
+use trace::{Role, SpatialCalibrationFile, SpatialInstant, SpatialSidecar, SpatialTrace, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
 use whisker::space::frames::Point;
 use whisker::space::sensor::CalibratedSpace;
@@ -19,11 +19,13 @@ use super::bound::{SpatialBoundAt, bound};
 use super::files::ESTIMATES;
 use super::object::TrueObject;
 use super::participant::{Participant, participants};
-use super::replay::{calibrated, samples};
+use super::replay::{calibrated, read_calibration, samples};
 use super::solid::Solid;
 use super::{largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row, to_base};
 use crate::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
 use crate::dataset::Dataset;
+use crate::fitted_traces::check_fitted_to_all;
+use crate::front_end::FRONT_ENDS;
 use crate::metrics::doubt;
 use crate::participant::{Program, SpatialTask};
 use crate::results::{FailureRow, write_rows};
@@ -56,6 +58,28 @@ pub struct SpatialEvaluateSettings {
     pub calibrations: Option<PathBuf>,
     /// External programs that participate.
     pub programs: Vec<Program>,
+}
+
+impl SpatialEvaluateSettings {
+    /// Calibration of a whisker and its path. It was fitted to the present calibration traces, all of those of the dataset if it lies
+    /// beside them.
+    ///
+    /// # Errors
+    /// As [`read_calibration`] and [`check_fitted_to_all`].
+    pub(super) fn calibration(
+        &self,
+        dataset: &Dataset,
+        whisker: &str,
+    ) -> anyhow::Result<(PathBuf, SpatialCalibrationFile)> {
+        let default = || dataset.calibrations(FRONT_ENDS[0].name);
+        let folder = self.calibrations.clone().unwrap_or_else(default);
+        let path = folder.join(format!("{whisker}.json"));
+        let file = read_calibration(&path)?;
+        if self.calibrations.is_none() {
+            check_fitted_to_all(&path, &file, dataset)?;
+        }
+        Ok((path, file))
+    }
 }
 
 /// Scores of one replay. Errors are those after [`START_S`] of each touch.
@@ -286,7 +310,6 @@ pub(super) fn evaluate_keeping(
 }
 
 fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
-    let folder = settings.calibrations(dataset);
     let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
@@ -302,7 +325,8 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         if faces.contains_key(name) {
             continue;
         }
-        faces.insert(name.clone(), calibrated(&folder.join(format!("{name}.json")), &trace.sidecar)?);
+        let (path, file) = settings.calibration(dataset, name)?;
+        faces.insert(name.clone(), calibrated(&path, &file, &trace.sidecar)?);
     }
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::{Digest, write_json};
+use files::write_json;
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{self, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample};
@@ -107,11 +107,7 @@ fn fit_whisker(
         );
         bail!("{}: {reason}", other.sidecar.name);
     }
-    let mut digest = Digest::default();
-    for trace in traces {
-        digest.add(trace.sidecar.data_sha256());
-    }
-    let data_sha256 = digest.finish();
+    let data_sha256 = data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256()));
     let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
     inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
     let watermark = calibration_watermark(inputs.iter().map(String::as_str));

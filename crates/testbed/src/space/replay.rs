@@ -17,6 +17,7 @@ use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
+use crate::fitted_traces::check_fitted_traces;
 
 /// The registry's row of this name.
 ///
@@ -29,12 +30,25 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
     })
 }
 
-/// The calibrated whisker of a trace from the calibration in this file.
+/// Reads a calibration in space whose traces have not changed since the fit.
 ///
 /// # Errors
-/// If the calibration cannot be read or is one of another whisker.
-pub fn calibrated(path: &Path, sidecar: &SpatialSidecar) -> anyhow::Result<Arc<CalibratedSpace>> {
+/// If the file cannot be read, or its traces have changed, see [`check_fitted_traces`].
+pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
     let calibration = SpatialCalibrationFile::read(path)?;
+    check_fitted_traces(path, &calibration)?;
+    Ok(calibration)
+}
+
+/// The calibrated whisker of a trace from a calibration, whose path is used in error messages.
+///
+/// # Errors
+/// If the calibration is one of another whisker.
+pub fn calibrated(
+    path: &Path,
+    calibration: &SpatialCalibrationFile,
+    sidecar: &SpatialSidecar,
+) -> anyhow::Result<Arc<CalibratedSpace>> {
     if let Some(difference) = calibration.whisker.difference(&sidecar.whisker) {
         bail!("{}: whisker.{difference}, as in {}; fit a calibration to this whisker", path.display(), sidecar.name);
     }

@@ -1,7 +1,7 @@
 //! Runs of evaluations in space: a folder with the tables and a description of the inputs.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use files::{Watermark, read_json, sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
@@ -81,12 +81,16 @@ impl SpatialRun {
     fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Self> {
         let estimators = described(settings)?;
         let (mut trials, mut data) = (Vec::new(), Vec::new());
-        let folder = settings.calibrations(dataset);
+        let mut calibrations: BTreeMap<String, String> = BTreeMap::new();
         for path in &dataset.paths {
             let sidecar = SpatialSidecar::read(path)?;
             if sidecar.role == Role::Trial {
                 data.push(sidecar.data_sha256());
-                data.push(sha256_of_file(&folder.join(format!("{}.json", sidecar.whisker.name)))?);
+                if !calibrations.contains_key(&sidecar.whisker.name) {
+                    let (path, _) = settings.calibration(dataset, &sidecar.whisker.name)?;
+                    calibrations.insert(sidecar.whisker.name.clone(), sha256_of_file(&path)?);
+                }
+                data.push(calibrations[&sidecar.whisker.name].clone());
                 let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
                 let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
                 let solid = scene.get("solid").cloned().unwrap_or_default();
@@ -334,12 +338,4 @@ fn write(
     write_atomically(&FAILURES.path(folder), &csv_bytes(&evaluated.failures)?)?;
     write_json(&RUN.path(folder), run)?;
     Ok(evaluated)
-}
-
-impl SpatialEvaluateSettings {
-    /// Folder of the calibrations.
-    pub(super) fn calibrations(&self, dataset: &Dataset) -> PathBuf {
-        let default = || dataset.calibrations(crate::front_end::FRONT_ENDS[0].name);
-        self.calibrations.clone().unwrap_or_else(default)
-    }
 }

@@ -14,7 +14,7 @@ use testbed::participant::Program;
 use testbed::results::csv_bytes;
 use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
-use testbed::space::replay::{calibrated, replay, samples};
+use testbed::space::replay::{calibrated, read_calibration, replay, samples};
 use testbed::space::{
     SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
 };
@@ -81,7 +81,7 @@ impl Prepared {
         let added_sd_n_m = options.noise.unwrap_or(noise.default) * largest_reading_n_m([&trace]);
         let readings_n_m = noisy_readings_n_m(&trace, added_sd_n_m, options.seed);
         let noise_sd_n_m = added_sd_n_m.hypot(noise.own_sd_n_m);
-        let calibrated = calibrated(calibration, &trace.sidecar)?;
+        let calibrated = calibrated(calibration, &read_calibration(calibration)?, &trace.sidecar)?;
         let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: trace.sidecar.rate_hz });
         Ok(Self { trace, knowledge, readings_n_m })
     }

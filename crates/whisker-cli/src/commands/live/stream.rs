@@ -444,7 +444,7 @@ impl Method for OfSpace {
     const PROTOCOL: u32 = SPATIAL_PROTOCOL;
 
     fn read(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
-        Ok(SpatialCalibrationFile::read(path)?)
+        testbed::space::replay::read_calibration(path)
     }
 
     fn parse(line: &str) -> Result<wire::SpatialLine, BadLine> {
