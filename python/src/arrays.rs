@@ -2,20 +2,64 @@
 
 use nalgebra::{SMatrix, SVector};
 use numpy::ndarray::{Array1, Array2, Array3};
-use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::PyIndexError;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use whisker::frames::Point;
 
-use crate::error::refused;
+use crate::error::{of_argument, refused};
 
-/// An array of numbers, or what NumPy converts to one.
-pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
+/// An array of real numbers, or what NumPy converts to one.
+pub(crate) struct Numbers<'py>(PyReadonlyArrayDyn<'py, f64>);
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Numbers<'py> {
+    type Error = PyErr;
+
+    /// # Errors
+    /// `TypeError` for numbers that are not real, texts, times and other objects, and for masked arrays, whose masked elements have no
+    /// value.
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let numpy = object.py().import("numpy")?;
+        if object.is_instance(&numpy.getattr("ma")?.getattr("MaskedArray")?)? {
+            return Err(PyTypeError::new_err("found a masked array, expected an array of real numbers"));
+        }
+        let array = numpy.call_method1("asarray", (object,))?;
+        let dtype = array.getattr("dtype")?;
+        let kind: char = dtype.getattr("kind")?.extract()?;
+        if !"iuf".contains(kind) {
+            return Err(PyTypeError::new_err(format!("found an array of {dtype}, expected one of real numbers")));
+        }
+        Ok(Self(numpy.call_method1("asarray", (array, "float64"))?.extract()?))
+    }
+}
+
+impl<'py> Numbers<'py> {
+    /// The numbers of a part of an argument, which errors name `what`.
+    pub(crate) fn of(what: &str, object: &Bound<'py, PyAny>) -> PyResult<Self> {
+        object.extract().map_err(|error| of_argument(object.py(), what, error))
+    }
+}
+
+/// Array of NaN of shape (`rows`, `count`, `coordinates`) for as many points in each row as the argument `count` states.
+///
+/// # Errors
+/// `ValueError` if there are fewer than `least` points, or no memory for them.
+pub(crate) fn points_of_rows(rows: usize, count: usize, least: usize, coordinates: usize) -> PyResult<Array3<f64>> {
+    if count < least {
+        return Err(refused("count", count, &format!("at least {least} points")));
+    }
+    let mut numbers = Vec::new();
+    let elements = rows.checked_mul(count).and_then(|points| points.checked_mul(coordinates));
+    let reserved = elements.filter(|&elements| numbers.try_reserve_exact(elements).is_ok());
+    let elements = reserved.ok_or_else(|| refused("count", count, "a number of points for which there is memory"))?;
+    numbers.resize(elements, f64::NAN);
+    Ok(Array3::from_shape_vec((rows, count, coordinates), numbers).expect("as many numbers as elements"))
+}
 
 /// Rows of an array of shape (n, `N`), which must be finite.
 pub(crate) fn rows<const N: usize>(what: &str, array: &Numbers<'_>) -> PyResult<Vec<[f64; N]>> {
-    let shape = array.shape();
+    let shape = array.0.shape();
     if shape.len() != 2 || shape[1] != N {
         return Err(refused(what, format!("an array of shape {shape:?}"), &format!("shape [n, {N}]")));
     }
@@ -25,18 +69,18 @@ pub(crate) fn rows<const N: usize>(what: &str, array: &Numbers<'_>) -> PyResult<
 
 /// Numbers of an array of shape (n), which must be finite.
 pub(crate) fn numbers(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
-    if array.shape().len() != 1 {
-        return Err(refused(what, format!("an array of shape {:?}", array.shape()), "shape [n]"));
+    if array.0.shape().len() != 1 {
+        return Err(refused(what, format!("an array of shape {:?}", array.0.shape()), "shape [n]"));
     }
     finite(what, array)
 }
 
 /// Numbers of an array in the order of its indices.
 fn finite(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
-    let numbers: Vec<f64> = array.as_array().iter().copied().collect();
+    let numbers: Vec<f64> = array.0.as_array().iter().copied().collect();
     match numbers.iter().position(|number| !number.is_finite()) {
         Some(place) => {
-            let per_row: usize = array.shape().iter().skip(1).product();
+            let per_row: usize = array.0.shape().iter().skip(1).product();
             let row = place / per_row.max(1);
             Err(refused(&format!("{what}[{row}]"), numbers[place], "finite numbers"))
         }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ::trace::{CalibrationFile, FaceFile, FittedData};
 use ::whisker::frames::{Base, Point};
-use ::whisker::sensor::{self, CalibratedFace, FitData, MODELS, ModelError, Sample};
+use ::whisker::sensor::{self, CalibratedFace, Face, FitData, MODELS, ModelError, Sample};
 use nalgebra::Vector2;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -16,7 +16,7 @@ use testbed::provenance::watermark;
 
 use crate::arrays::{Numbers, column, flags, numbers, points, same_length, vectors};
 use crate::convert::{check_not_negative, face as face_of, from_json};
-use crate::error::{raised, refused};
+use crate::error::{of_argument, raised, refused};
 use crate::interrupt;
 use crate::whisker::Whisker;
 
@@ -211,7 +211,7 @@ impl Prediction {
 ///
 /// `lines` holds the data of each calibrated face: `{"left": [(contacts, readings), ...]}`, with the contacts (n, 2) on the
 /// centre line in Base (m) and the readings (n) in N m of each line along which a pin was pressed. Each line is compared
-/// with the models fitted to the others. `pin_radius_m` is the distance of the contacts from the centre of the pin: the
+/// with the models fitted to the others, and its largest reading must have the sign of the face. `pin_radius_m` is the distance of the contacts from the centre of the pin: the
 /// radius of pin and wire together. `models` are names of `sensor_models()`; by default all. `noise_sd_n_m` is the
 /// standard deviation of the noise in the readings.
 ///
@@ -233,15 +233,19 @@ pub(crate) fn fit_calibration(
         None => MODELS.iter().collect(),
         Some(names) => names.iter().map(|name| sensor::model(name).map_err(raised)).collect::<PyResult<Vec<_>>>()?,
     };
+    if rows.is_empty() {
+        return Err(refused("models", "none", "at least one name of a sensor model"));
+    }
     let candidates: Vec<_> =
         rows.iter().flat_map(|row| (row.candidates)().into_iter().map(move |config| (*row, config))).collect();
     let mut faces = Vec::new();
     for (name, lines) in lines {
         let name: String = name.extract()?;
-        let samples = samples(&name, &lines)?;
+        let face = face_of(&name)?;
+        let samples = samples(whisker, face, &lines)?;
         let data = FitData {
             whisker: &whisker.whisker,
-            face: face_of(&name)?,
+            face,
             measured: &samples,
             reference: &samples,
             reference_noise_sd_n_m: noise_sd_n_m,
@@ -269,18 +273,37 @@ pub(crate) fn fit_calibration(
     Ok(Calibration::new(file, "calibration".into()))
 }
 
-/// Calibration samples of one face, line by line.
-fn samples(face: &str, lines: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Sample>>> {
+/// Calibration samples of one face, line by line. The largest reading of each line must have the sign of the face, and of the moment
+/// by the elastica.
+fn samples(whisker: &Whisker, face: Face, lines: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Sample>>> {
+    let elastica = whisker.elastica()?;
     lines
         .try_iter()?
         .enumerate()
         .map(|(i, line)| {
-            let (contacts, readings): (Numbers<'_>, Numbers<'_>) = line?.extract()?;
-            let what = format!("lines[`{face}`][{i}]");
-            let (contacts, readings) = (points(&what, &contacts)?, numbers(&what, &readings)?);
-            same_length(&format!("readings of {what}"), readings.len(), "contacts", contacts.len())?;
+            let what = format!("lines[`{}`][{i}]", face.name());
+            let of_readings = format!("readings of {what}");
+            let (contacts, readings): (Bound<'_, PyAny>, Bound<'_, PyAny>) =
+                line?.extract().map_err(|error| of_argument(lines.py(), &what, error))?;
+            let contacts = points(&what, &Numbers::of(&what, &contacts)?)?;
+            let readings = numbers(&of_readings, &Numbers::of(&of_readings, &readings)?)?;
+            same_length(&of_readings, readings.len(), "contacts", contacts.len())?;
             let samples = contacts.into_iter().zip(readings);
-            Ok(samples.map(|(contact, reading_n_m)| Sample { contact, reading_n_m }).collect())
+            let samples: Vec<Sample> = samples.map(|(contact, reading_n_m)| Sample { contact, reading_n_m }).collect();
+            let largest = samples.iter().max_by(|one, other| one.reading_n_m.abs().total_cmp(&other.reading_n_m.abs()));
+            let Some(&Sample { contact, reading_n_m }) = largest else { return Ok(samples) };
+            let refused = |expected: String| refused(&of_readings, format!("{reading_n_m} as the largest"), &expected);
+            if reading_n_m == 0.0 || Face::of_reading(reading_n_m) != face {
+                let sign = if face == Face::Left { "negative" } else { "positive" };
+                return Err(refused(format!("{sign} readings, of an object on the {}", face.name())));
+            }
+            match elastica.at_point(contact) {
+                Ok(solved) if reading_n_m * solved.deflection.moment_n_m <= 0.0 => {
+                    let moment_n_m = solved.deflection.moment_n_m;
+                    Err(refused(format!("about {moment_n_m:.3e}, as the whisker's mechanics give at its contact")))
+                }
+                _ => Ok(samples),
+            }
         })
         .collect()
 }

@@ -1,6 +1,6 @@
 //! Settings and descriptions as Python objects, and arguments with a fixed meaning.
 
-use ::trace::RATES_HZ;
+use ::trace::{FARTHEST_M, RATES_HZ};
 use ::whisker::estimators::{BaseNoise, ContactPrior};
 use ::whisker::frames::{Base, Point, Pose};
 use ::whisker::sensor::Face;
@@ -50,6 +50,23 @@ pub(crate) fn check_not_negative(what: &str, number: f64) -> PyResult<()> {
     Err(refused(what, number, "a number of 0 or more"))
 }
 
+/// Checks the coordinates of a position (m): finite and within the distance that a trace allows.
+pub(crate) fn check_position(what: &str, position_m: &[f64]) -> PyResult<()> {
+    if position_m.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M) {
+        return Ok(());
+    }
+    Err(refused(what, format!("{position_m:?}"), &format!("finite numbers, coordinates within {FARTHEST_M} m")))
+}
+
+/// Poses (n, 3) of the base in World: x (m), y (m) and yaw (rad).
+pub(crate) fn poses(base: &Numbers<'_>) -> PyResult<Vec<[f64; 3]>> {
+    let poses = rows::<3>("base", base)?;
+    for (row, pose) in poses.iter().enumerate() {
+        check_position(&format!("base[{row}]"), &pose[..2])?;
+    }
+    Ok(poses)
+}
+
 /// Checks a sampling rate (Hz).
 pub(crate) fn check_rate(rate_hz: f64) -> PyResult<()> {
     let [least, most] = RATES_HZ;
@@ -59,12 +76,9 @@ pub(crate) fn check_rate(rate_hz: f64) -> PyResult<()> {
     Err(refused("rate_hz", rate_hz, &format!("{least} to {most}")))
 }
 
-/// Checks the time since the last sample (s).
-pub(crate) fn check_dt(dt_s: f64) -> PyResult<()> {
-    if dt_s.is_finite() && dt_s >= 0.0 {
-        return Ok(());
-    }
-    Err(refused("dt_s", dt_s, "a finite number of 0 or more"))
+/// Checks that a number is finite.
+pub(crate) fn check_finite(what: &str, number: f64) -> PyResult<()> {
+    if number.is_finite() { Ok(()) } else { Err(refused(what, number, "a finite number")) }
 }
 
 /// Settings of an estimator from its default ones and a dictionary over them.
@@ -114,10 +128,11 @@ fn triple(what: &str, object: Borrowed<'_, '_, PyAny>) -> PyResult<[f64; 3]> {
             .extract::<[f64; 3]>()
             .map_err(|_| refused(what, object.to_string(), "three numbers: x (m), y (m) and yaw (rad)"))?,
     };
-    if numbers.iter().all(|number| number.is_finite()) {
-        return Ok(numbers);
+    check_position(what, &numbers[..2])?;
+    if !numbers[2].is_finite() {
+        return Err(refused(what, format!("{numbers:?}"), "finite numbers"));
     }
-    Err(refused(what, format!("{numbers:?}"), "finite numbers"))
+    Ok(numbers)
 }
 
 /// Prior of the first contact: x, y (m, in Base) and the standard deviation in every direction (m).

@@ -2,12 +2,10 @@
 
 use ::whisker::elastica::{CenterLine, Deflection, Elastica, Load, PointContact};
 use ::whisker::frames::Base;
-use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 
-use crate::arrays::{Numbers, column, numbers, points, same_length, vectors};
-use crate::error::refused;
+use crate::arrays::{Numbers, column, numbers, points, points_of_rows, same_length, vectors};
 use crate::interrupt;
 use crate::whisker::Whisker;
 
@@ -44,7 +42,7 @@ pub(crate) fn press(
     force_n: Numbers<'_>,
     strict: bool,
 ) -> PyResult<Contacts> {
-    let (arcs_m, forces_n) = (numbers("arc_m", &arc_m)?, numbers("force_n", &force_n)?);
+    let (arcs_m, forces_n) = (whisker.arcs_m(&arc_m)?, numbers("force_n", &force_n)?);
     same_length("force_n", forces_n.len(), "arc_m", arcs_m.len())?;
     Contacts::new(py, whisker, arcs_m.len(), strict.then_some("arc_m"), |elastica, row| {
         let load = Load { arc_m: arcs_m[row], along_n: 0.0, left_n: forces_n[row], couple_n_m: 0.0 };
@@ -170,10 +168,7 @@ impl Contacts {
     /// Shapes (n, count, 2) of the deflected centre lines at evenly spaced arc lengths from root to tip, in Base (m).
     #[pyo3(signature = (count=101))]
     fn shape<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        if count < 2 {
-            return Err(refused("count", count, "at least 2 points, root and tip"));
-        }
-        let mut shapes = Array3::from_elem((self.contacts.len(), count, 2), f64::NAN);
+        let mut shapes = points_of_rows(self.contacts.len(), count, 2, 2)?;
         interrupt::each(py, self.contacts.len(), |row| {
             let Ok(contact) = &self.contacts[row] else { return Ok(()) };
             let line: CenterLine = self.elastica.line(contact.load)?;

@@ -2,8 +2,8 @@
 
 use std::io;
 
-use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
+use pyo3::{PyErr, Python};
 
 /// Exception of an error: that of its kind (`FileNotFoundError`, `PermissionError`, ...) for an error of the operating
 /// system, an exception that Python code raised unchanged, `ValueError` for all others.
@@ -21,6 +21,11 @@ pub(crate) fn raised(error: impl Into<anyhow::Error>) -> PyErr {
         Some(kind) => io::Error::new(kind, words).into(),
         None => PyValueError::new_err(words),
     }
+}
+
+/// An exception with the name of the argument that it belongs to.
+pub(crate) fn of_argument(py: Python<'_>, what: &str, error: PyErr) -> PyErr {
+    PyErr::from_type(error.get_type(py), format!("{what}: {}", error.value(py)))
 }
 
 /// `ValueError` that names the quantity, the value found and the value expected.

@@ -157,7 +157,7 @@ pub(crate) fn returned(
         let found = object.repr().map_or_else(|_| "an object".into(), |text| text.to_string());
         refused("estimate", found, "None or an object with the attribute `contact` of shape [2]")
     })?;
-    let contact = numbers("contact", &contact.extract::<Numbers<'_>>()?)?;
+    let contact = numbers("contact", &Numbers::of("contact", &contact)?)?;
     let &[x_m, y_m] = contact.as_slice() else {
         return Err(refused("contact", format!("{} numbers", contact.len()), "2, in Base (m)"));
     };
@@ -180,7 +180,7 @@ pub(crate) fn returned(
 
 fn covariance(object: &Bound<'_, PyAny>) -> PyResult<Option<Matrix2<f64>>> {
     let Some(covariance) = attribute(object, "covariance_m2")? else { return Ok(None) };
-    let covariance: Vec<[f64; 2]> = rows("covariance_m2", &covariance.extract::<Numbers<'_>>()?)?;
+    let covariance: Vec<[f64; 2]> = rows("covariance_m2", &Numbers::of("covariance_m2", &covariance)?)?;
     if let [[xx, xy], [yx, yy]] = covariance[..] {
         let matrix = Matrix2::new(xx, xy, xy, yy);
         if (xy - yx).abs() <= 1e-9 * xx.max(yy) && matrix.cholesky().is_some() {

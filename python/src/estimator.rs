@@ -11,17 +11,18 @@ use pyo3::prelude::*;
 use serde_json::Value;
 use testbed::replay::{Steps, method};
 
-use crate::arrays::{Numbers, numbers, rows, same_length, times};
+use crate::arrays::{Numbers, numbers, same_length, times};
 use crate::calibration::Calibration;
 use crate::convert::{
-    Motion, Placed, base_noise as base_noise_of, check_dt, check_not_negative, check_rate, contact_prior as prior_of,
-    from_json, settings_over, to_json,
+    Motion, Placed, base_noise as base_noise_of, check_finite, check_not_negative, check_rate,
+    contact_prior as prior_of, from_json, poses, settings_over, to_json,
 };
-use crate::error::{raised, refused};
+use crate::error::raised;
 use crate::estimate::Estimate;
 use crate::interrupt;
 use crate::outline::Outline;
 use crate::replay::Replay;
+use crate::sampling::Sampling;
 
 /// Registered estimator with its contact detector.
 ///
@@ -47,8 +48,14 @@ struct Setup {
 
 struct Running {
     estimator: estimators::Estimator,
+    sampling: Sampling,
     steps: Steps,
-    last_s: Option<f64>,
+}
+
+impl From<estimators::Estimator> for Running {
+    fn from(estimator: estimators::Estimator) -> Self {
+        Self { estimator, sampling: Sampling::default(), steps: Steps::default() }
+    }
 }
 
 impl Setup {
@@ -117,8 +124,8 @@ impl Estimator {
             contact_prior: prior_of(contact_prior)?,
         });
         let setup = Setup { row, config, touch: detection(touch)?, knowledge, seed };
-        let running = Running { estimator: setup.start()?, steps: Steps::default(), last_s: None };
-        Ok(Self { setup, running: Mutex::new(running) })
+        let running = Mutex::new(setup.start()?.into());
+        Ok(Self { setup, running })
     }
 
     /// Name in the registry.
@@ -139,11 +146,10 @@ impl Estimator {
     /// the fastest. `dt_s` is positive, or 0 at the first sample. Returns `None` while the whisker is free, at a reading beyond
     /// `Calibration.gate_n_m`, and where the method has no estimate. Raises `ValueError` for numbers that are not finite.
     fn step(&self, motion: Motion, dt_s: f64, reading_n_m: f64) -> PyResult<Option<Estimate>> {
-        check_dt(dt_s)?;
-        if !reading_n_m.is_finite() {
-            return Err(refused("reading_n_m", reading_n_m, "a finite number"));
-        }
-        let estimate = self.running().estimator.step(&Sample { motion: motion.0, dt_s, reading_n_m });
+        check_finite("reading_n_m", reading_n_m)?;
+        let mut running = self.running();
+        running.sampling.step(dt_s)?;
+        let estimate = running.estimator.step(&Sample { motion: motion.0, dt_s, reading_n_m });
         Ok(self.estimate(estimate, reading_n_m))
     }
 
@@ -151,16 +157,9 @@ impl Estimator {
     ///
     /// The times must ascend; the yaw may be wrapped. An estimator takes its samples either by `step` or by `update`.
     fn update(&self, t_s: f64, base: Placed, reading_n_m: f64) -> PyResult<Option<Estimate>> {
+        check_finite("reading_n_m", reading_n_m)?;
         let mut running = self.running();
-        if !t_s.is_finite() || running.last_s.is_some_and(|last_s| t_s <= last_s) {
-            let expected =
-                running.last_s.map_or("a finite number".into(), |last_s| format!("more than the last, {last_s}"));
-            return Err(refused("t_s", t_s, &expected));
-        }
-        if !reading_n_m.is_finite() {
-            return Err(refused("reading_n_m", reading_n_m, "a finite number"));
-        }
-        running.last_s = Some(t_s);
+        running.sampling.update(t_s)?;
         let sample = running.steps.sample(&instant(t_s, base.0, reading_n_m), reading_n_m);
         let estimate = running.estimator.step(&sample);
         Ok(self.estimate(estimate, reading_n_m))
@@ -176,7 +175,7 @@ impl Estimator {
         readings_n_m: Numbers<'_>,
     ) -> PyResult<Replay> {
         let times_s = times("t_s", &t_s)?;
-        let (poses, readings_n_m) = (rows::<3>("base", &base)?, numbers("readings_n_m", &readings_n_m)?);
+        let (poses, readings_n_m) = (poses(&base)?, numbers("readings_n_m", &readings_n_m)?);
         same_length("base", poses.len(), "t_s", times_s.len())?;
         same_length("readings_n_m", readings_n_m.len(), "t_s", times_s.len())?;
         let places = times_s.iter().zip(&poses).zip(&readings_n_m);
@@ -206,7 +205,7 @@ impl Estimator {
 
     /// Resets the estimator: discards all samples.
     fn reset(&self) -> PyResult<()> {
-        *self.running() = Running { estimator: self.setup.start()?, steps: Steps::default(), last_s: None };
+        *self.running() = self.setup.start()?.into();
         Ok(())
     }
 

@@ -18,6 +18,7 @@ mod map;
 mod outline;
 mod registries;
 mod replay;
+mod sampling;
 mod shape;
 mod simulate;
 mod space;

@@ -18,10 +18,10 @@ use crate::outline::Outline;
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct Replay {
     pub(crate) knowledge: Arc<Knowledge>,
-    instants: Vec<Instant>,
+    pub(crate) instants: Vec<Instant>,
     /// Ground truth of a trace.
     truths: Option<Vec<TruthInstant>>,
-    readings_n_m: Vec<f64>,
+    pub(crate) readings_n_m: Vec<f64>,
     pub(crate) replay: testbed::replay::Replay,
 }
 

@@ -2,12 +2,14 @@
 
 use ::whisker::elastica::{Circle, Ellipse, Outline, Polygon};
 use ::whisker::frames::Point;
-use numpy::PyArray2;
+use numpy::ndarray::Axis;
+use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use std::f64::consts::TAU;
 
-use crate::arrays::{Numbers, points, vectors};
+use crate::arrays::{Numbers, points, points_of_rows};
 use crate::error::{raised, refused};
+use crate::interrupt;
 
 /// Convex object in World, against which `simulate` presses a whisker.
 #[pyclass(frozen, module = "whisker_contact")]
@@ -54,9 +56,14 @@ impl Shape {
 
     /// Points (count, 2) of the outline, counter-clockwise, evenly spaced by the angle of the normal (m).
     #[pyo3(signature = (count=361))]
-    fn points<'py>(&self, py: Python<'py>, count: usize) -> Bound<'py, PyArray2<f64>> {
-        let normal_rad = |i: usize| TAU * i as f64 / count.saturating_sub(1).max(1) as f64;
-        vectors(py, (0..count).map(|i| Some(self.outline.support(normal_rad(i)).point.vector())))
+    fn points<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let mut points = points_of_rows(1, count, 1, 2)?.remove_axis(Axis(0));
+        interrupt::each(py, count, |i| {
+            let point = self.outline.support(TAU * i as f64 / (count - 1).max(1) as f64).point;
+            (points[[i, 0]], points[[i, 1]]) = (point.x(), point.y());
+            Ok(())
+        })?;
+        Ok(points.into_pyarray(py))
     }
 
     fn __repr__(&self) -> String {

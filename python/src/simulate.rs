@@ -12,8 +12,8 @@ use files::{FORMAT, sha256};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 
-use crate::arrays::{Numbers, numbers, rows, same_length};
-use crate::convert::face as face_of;
+use crate::arrays::{Numbers, numbers, same_length};
+use crate::convert::{check_rate, face as face_of, poses};
 use crate::error::{raised, refused};
 use crate::interrupt;
 use crate::shape::Shape;
@@ -41,7 +41,7 @@ pub(crate) fn simulate(
     face: &str,
     name: &str,
 ) -> PyResult<Trace> {
-    let (times_s, poses) = (numbers("t_s", &t_s)?, rows::<3>("base", &base)?);
+    let (times_s, poses) = (numbers("t_s", &t_s)?, poses(&base)?);
     same_length("base", poses.len(), "t_s", times_s.len())?;
     let (rate_hz, face) = (rate_hz(&times_s)?, face_of(face)?);
     let bases: Vec<Pose<Base, World>> = poses.iter().map(|&[x_m, y_m, yaw_rad]| Pose::new(x_m, y_m, yaw_rad)).collect();
@@ -113,7 +113,10 @@ fn rate_hz(times_s: &[f64]) -> PyResult<f64> {
                 "times that ascend in equal steps",
             ))
         }
-        None => Ok(1.0 / step_s),
+        None => {
+            check_rate(1.0 / step_s)?;
+            Ok(1.0 / step_s)
+        }
     }
 }
 

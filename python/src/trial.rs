@@ -22,13 +22,16 @@ use testbed::replay::{
 use crate::arrays::{Numbers, column, structured, texts};
 use crate::calibration::Calibration;
 use crate::convert::{base_noise as base_noise_of, to_json};
-use crate::error::{raised, refused};
+use crate::error::{of_argument, raised, refused};
 use crate::estimate::returned;
 use crate::estimator::{detection, registered};
 use crate::interrupt;
 use crate::outline::Outline;
 use crate::replay::Replay;
 use crate::trace::Trace;
+
+/// Largest difference of the yaw of a pose, from its angle in numbers and back, by rounding.
+const YAW_ROUNDING_RAD: f64 = 1e-12;
 
 /// A trace with measurement noise, as `whisker replay` and `whisker evaluate` give it to an estimator, and with the truth that
 /// estimates are scored against.
@@ -93,12 +96,31 @@ impl Trial {
         Ok(Arc::new(Knowledge { faces, ..Knowledge::clone(&self.knowledge) }))
     }
 
+    /// Checks that a replay is one of this trial: that it has the times, poses and readings of its rows.
     pub(crate) fn check(&self, replay: &Replay) -> PyResult<()> {
-        let (found, expected) = (replay.replay.estimates.len(), self.samples.len());
-        if found == expected {
-            return Ok(());
+        let instants = &self.trace.get().trace.recording.instants;
+        let (found, expected) = (replay.instants.len(), instants.len());
+        if found != expected {
+            return Err(refused("replay", format!("{found} rows"), &format!("{expected}, as many as the trace has")));
         }
-        Err(refused("replay", format!("{found} rows"), &format!("{expected}, as many as the trace has")))
+        let rows = replay.instants.iter().zip(&replay.readings_n_m).zip(instants.iter().zip(&self.readings_n_m));
+        for (row, ((found, found_n_m), (expected, expected_n_m))) in rows.enumerate() {
+            let turned_rad = found.base.then(&expected.base.inverse()).yaw_rad().abs();
+            let (at, of_trial) = (found.base.origin(), expected.base.origin());
+            let quantities = [
+                ("time", found.t_s, expected.t_s, found.t_s == expected.t_s),
+                ("base x", at.x(), of_trial.x(), at.x() == of_trial.x()),
+                ("base y", at.y(), of_trial.y(), at.y() == of_trial.y()),
+                ("base yaw", found.base.yaw_rad(), expected.base.yaw_rad(), turned_rad <= YAW_ROUNDING_RAD),
+                ("reading", *found_n_m, *expected_n_m, found_n_m == expected_n_m),
+            ];
+            if let Some((what, found, expected, _)) = quantities.into_iter().find(|(.., is_same)| !is_same) {
+                let name = &self.trace.get().trace.sidecar.name;
+                let expected = format!("{expected}, that of the trial of {name}");
+                return Err(refused(&format!("replay: row {row}: {what}"), found, &expected));
+            }
+        }
+        Ok(())
     }
 
     /// Replay of this trace with the truth beside the estimates.
@@ -266,7 +288,8 @@ impl Trial {
             let motion = (sample.motion.origin().x(), sample.motion.origin().y(), sample.motion.yaw_rad());
             let answer = step.call1((motion, sample.dt_s, sample.reading_n_m))?;
             let face = self.touched[row].unwrap_or_else(|| Face::of_reading(sample.reading_n_m));
-            let estimate = returned(&answer, face, &self.knowledge).map_err(|error| at_row(py, row, error))?;
+            let estimate = returned(&answer, face, &self.knowledge)
+                .map_err(|error| of_argument(py, &format!("estimate of row {row}"), error))?;
             estimates.push(estimate);
         }
         Ok(self.replayed(self.knowledge.clone(), estimates, None))
@@ -379,9 +402,4 @@ fn selected(name: Option<String>, settings: Option<&Bound<'_, PyAny>>) -> PyResu
     let config = settings.map_or_else(|| Ok(json!({})), |settings| to_json("front_end_settings", settings))?;
     let name = name.unwrap_or_else(|| FRONT_ENDS[0].name.into());
     FrontEnd::new(&FrontEndConfig { name, config }).map_err(raised)
-}
-
-/// An error with the row that it belongs to.
-fn at_row(py: Python<'_>, row: usize, error: PyErr) -> PyErr {
-    PyErr::from_type(error.get_type(py), format!("estimate of row {row}: {}", error.value(py)))
 }

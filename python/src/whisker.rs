@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{Numbers, numbers, vectors};
 use crate::convert::{from_json, to_json};
-use crate::error::raised;
+use crate::error::{raised, refused};
 
 /// Parameters of a whisker: a thin, tapered, pre-curved elastic wire on a compliant root.
 ///
@@ -21,6 +21,18 @@ pub(crate) struct Whisker {
 impl Whisker {
     pub(crate) fn rest(&self) -> RestShape {
         self.whisker.rest_shape()
+    }
+
+    /// Arc lengths (n) from the root, which must lie on the whisker (m).
+    pub(crate) fn arcs_m(&self, arc_m: &Numbers<'_>) -> PyResult<Vec<f64>> {
+        let (arcs_m, length_m) = (numbers("arc_m", arc_m)?, self.whisker.length_m);
+        match arcs_m.iter().position(|arc_m| !(0.0..=length_m).contains(arc_m)) {
+            Some(row) => {
+                let expected = format!("0 to {length_m}, the length of the whisker");
+                Err(refused(&format!("arc_m[{row}]"), arcs_m[row], &expected))
+            }
+            None => Ok(arcs_m),
+        }
     }
 
     /// The exact quasi-static whisker.
@@ -78,7 +90,7 @@ impl Whisker {
 
     /// Points (n, 2) of the undeflected centre line at arc lengths (n) from the root (m), in Base.
     fn rest_shape<'py>(&self, py: Python<'py>, arc_m: Numbers<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (rest, arcs_m) = (self.rest(), numbers("arc_m", &arc_m)?);
+        let (rest, arcs_m) = (self.rest(), self.arcs_m(&arc_m)?);
         Ok(vectors(py, arcs_m.iter().map(|&arc_m| Some(rest.point(arc_m).vector()))))
     }
 

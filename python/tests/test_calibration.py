@@ -75,6 +75,25 @@ def test_robust_errors_are_those_of_the_command(tmp_path, calibration):
         calibration.predict([[0.05, 0.0]], "left", model="poly9")
 
 
+@pytest.mark.parametrize(
+    ("face", "sign", "factor"), [("left", "negative", -1.0), ("right", "positive", -1.0), ("left", "negative", 0.0)]
+)
+def test_robust_readings_of_no_sign_or_the_wrong_one_are_refused(whisker, face, sign, factor):
+    lines = calibration_lines(whisker, -1.0 if face == "left" else 1.0, lines=8)
+    lines[3] = (lines[3][0], factor * lines[3][1])
+    with pytest.raises(ValueError, match=rf"readings of lines\[`{face}`\]\[3\]: found .*, expected {sign} readings"):
+        wc.fit_calibration(whisker, {face: lines}, PIN_RADIUS_M, models=["polynomial"])
+
+
+def test_robust_contacts_on_the_wrong_side_are_refused(whisker):
+    lines = calibration_lines(whisker, -1.0, lines=8)
+    lines[5] = (lines[5][0] * [1.0, -1.0], lines[5][1])
+    with pytest.raises(ValueError, match=r"readings of lines\[`left`\]\[5\]: found .*, expected about"):
+        wc.fit_calibration(whisker, {"left": lines}, PIN_RADIUS_M, models=["polynomial"])
+    with pytest.raises(ValueError, match="models: found none"):
+        wc.fit_calibration(whisker, {"left": lines[:5]}, PIN_RADIUS_M, models=[])
+
+
 def test_robust_data_that_determine_no_model_are_refused(whisker):
     lines = {"left": [([[0.05, -0.001]], [-1e-5])]}
     with pytest.raises(ValueError, match=r"lines\[`left`\]: found data of no model"):

@@ -85,6 +85,43 @@ def test_robust_arrays_of_another_shape_or_without_numbers_are_refused(whisker, 
         wc.deflect(whisker, points)
 
 
+@pytest.mark.parametrize(
+    ("points", "found"),
+    [
+        (np.ma.masked_array([[0.05, 0.0]], mask=[[True, False]]), "a masked array"),
+        (np.array([["2026-01-01", "2026-01-02"]], dtype="datetime64[D]"), r"an array of datetime64\[D\]"),
+        ([["0.05", "0.0"]], "an array of <U4"),
+        (np.array([[0.05, 0.0]], dtype=object), "an array of object"),
+        ([[0.05 + 1.0j, 0.0]], "an array of complex128"),
+        ([[True, False]], "an array of bool"),
+    ],
+)
+def test_robust_what_is_no_array_of_real_numbers_is_refused(whisker, points, found):
+    with pytest.raises(TypeError, match=rf"found {found}, expected .*\n.*'points'"):
+        wc.deflect(whisker, points)
+    with pytest.raises(TypeError, match=rf"lines\[`left`\]\[0\]: found {found}, expected"):
+        wc.fit_calibration(whisker, {"left": [(points, [-1e-5])]}, 0.6e-3)
+
+
+@pytest.mark.parametrize("arc_m", [-0.001, 0.0801])
+def test_robust_arc_lengths_beyond_the_whisker_are_refused(whisker, arc_m):
+    message = rf"arc_m\[1\]: found {arc_m}, expected 0 to 0.08, the length of the whisker"
+    with pytest.raises(ValueError, match=message):
+        whisker.rest_shape([0.05, arc_m])
+    with pytest.raises(ValueError, match=message):
+        wc.press(whisker, [0.05, arc_m], [1e-4, 1e-4])
+
+
+@pytest.mark.parametrize("count", [10**18, 10**14])
+def test_robust_more_points_than_fit_into_memory_are_refused(whisker, count):
+    shape = wc.Shape.pin([0.05, 0.0])
+    for points in (contacts(whisker).shape, wc.Rod(whisker).deflect([[0.05, 0.005, 0.0]]).shape, shape.points):
+        with pytest.raises(ValueError, match=f"count: found {count}, expected a number of points for which there is memory"):
+            points(count)
+    with pytest.raises(ValueError, match="count: found 0, expected at least 1 points"):
+        shape.points(0)
+
+
 def test_robust_parameters_of_no_whisker_are_refused(whisker):
     assert wc.Whisker(whisker.parameters) == whisker
     with pytest.raises(ValueError, match=r"whisker.length_m: found -1, expected a positive number"):

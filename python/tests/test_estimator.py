@@ -144,6 +144,7 @@ def test_robust_samples_are_refused_and_change_nothing(trial):
         ((t_s, pose, np.nan), "reading_n_m: found NaN"),
         ((t_s, pose[:2], reading_n_m), r"base: found .*, expected three numbers: x \(m\), y \(m\) and yaw \(rad\)"),
         ((t_s, (0.0, np.inf, 0.0), reading_n_m), "base: found .*, expected finite numbers"),
+        ((t_s, (0.0, 1e300, 0.0), reading_n_m), "base: found .*, expected finite numbers, coordinates within 1000 m"),
         ((rows[299][0], pose, reading_n_m), "t_s: found 1.196, expected more than the last, 1.196"),
     ]:
         with pytest.raises(ValueError, match=message):
@@ -152,14 +153,33 @@ def test_robust_samples_are_refused_and_change_nothing(trial):
         one, other = running.update(*row), untouched.update(*row)
         assert (one is None) == (other is None)
         assert one is None or (one.contact == other.contact).all()
+    stepped = estimator("ekf", trial)
     with pytest.raises(ValueError, match="dt_s: found -1, expected"):
-        running.step((0.0, 0.0, 0.0), -1.0, 0.0)
+        stepped.step((0.0, 0.0, 0.0), -1.0, 0.0)
+
+
+def test_robust_samples_by_step_and_by_update_do_not_mix(trial):
+    sample, pose = ((0.0, 0.0, 0.0), 0.0, 0.0), (0.0, (0.0, 0.0, 0.0), 0.0)
+    running = estimator("ekf", trial)
+    running.step(*sample)
+    with pytest.raises(ValueError, match="dt_s: found 0, expected a positive number"):
+        running.step(*sample)
+    with pytest.raises(ValueError, match="update: found samples given by `step` before, expected"):
+        running.update(*pose)
+    running.reset()
+    running.update(*pose)
+    with pytest.raises(ValueError, match="step: found samples given by `update` before, expected"):
+        running.step(*sample)
 
 
 def test_robust_replays_of_unequal_arrays_are_refused(trial):
     t_s = trial.trace.recording["t_s"]
     with pytest.raises(ValueError, match="readings_n_m: found 3 rows, expected 1000, as many as `t_s` has"):
         estimator("ekf", trial).replay(t_s, base(trial), [0.0, 0.0, 0.0])
+    far = base(trial)
+    far[7, 0] = -1e4
+    with pytest.raises(ValueError, match=r"base\[7\]: found \[-10000.0, .*\], expected .* within 1000 m"):
+        estimator("ekf", trial).replay(t_s, far, trial.readings_n_m)
     with pytest.raises(ValueError, match=r"t_s\[1\]: found 0.992"):
         estimator("ekf", trial).replay(t_s[::-1] - 3.0, base(trial), trial.readings_n_m)
 

@@ -1,5 +1,11 @@
 """Whiskers in space: mechanics, traces, calibrations and estimators."""
 
+import csv
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,7 +25,7 @@ def rod(trace: wc.SpatialTrace) -> wc.Rod:
 
 
 @pytest.fixture(scope="module")
-def calibration(trace: wc.SpatialTrace, rod: wc.Rod) -> wc.SpatialCalibration:
+def lines(trace: wc.SpatialTrace, rod: wc.Rod) -> list[tuple[np.ndarray, np.ndarray]]:
     """Lines at six arc lengths in nine directions about the whisker, by the exact rod."""
     lines = []
     for arc_m in np.linspace(0.03, 0.06, 6):
@@ -31,6 +37,11 @@ def calibration(trace: wc.SpatialTrace, rod: wc.Rod) -> wc.SpatialCalibration:
             depth_m = 2.4 * arc_m**2 * np.linspace(0.1, 1.0, 8)
             points = at + depth_m[:, None] * (np.array([np.cos(angle), np.sin(angle)]) @ sides)
             lines.append((points, rod.deflect(points, strict=True).moment_n_m[:, 1:]))
+    return lines
+
+
+@pytest.fixture(scope="module")
+def calibration(rod: wc.Rod, lines: list[tuple[np.ndarray, np.ndarray]]) -> wc.SpatialCalibration:
     return wc.fit_spatial_calibration(rod, lines, models=["polynomial"])
 
 
@@ -102,6 +113,46 @@ def inputs(trace: wc.SpatialTrace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+def turning(folder: Path) -> Path:
+    """The golden trace with a base that turns to and fro, its quaternions rounded as in a trace."""
+    path = folder / "turning.csv"
+    with (GOLDEN / "space" / "golden_space.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        half_rad = 0.002 * np.sin(20.0 * float(row["t_s"]))
+        w, x, y, z = (float(row[f"base_q{part}"]) for part in "wxyz")
+        cos, sin = np.cos(half_rad), np.sin(half_rad)
+        turned = (w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin)
+        row.update({f"base_q{part}": f"{number:.10f}" for part, number in zip("wxyz", turned, strict=True)})
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    sidecar = json.loads((GOLDEN / "space" / "golden_space.json").read_text())
+    sidecar |= {"name": "turning", "csv_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    path.with_suffix(".json").write_text(json.dumps(sidecar))
+    return path
+
+
+@pytest.mark.parametrize("name", ["line", "sphere-fit"])
+def test_verif_a_replay_equals_that_of_the_command_to_the_bit(tmp_path, command, calibration, name):
+    path, file, out = (turning(tmp_path), tmp_path / "curved.json", tmp_path / "estimates.csv")
+    calibration.write(file)
+    options = ["--estimator", name, "--calibration", file, "--out", out]
+    subprocess.run([command, "replay", path, *options], check=True)
+    expected = np.genfromtxt(out, delimiter=",", names=True)
+    trace = wc.SpatialTrace.read(path)
+    t_s, base, readings = inputs(trace)
+    noise_sd_n_m = 0.01 * np.sqrt((readings**2).sum(axis=1)).max()
+    estimator = wc.SpatialEstimator(name, calibration, noise_sd_n_m, trace.rate_hz)
+    noisy = np.column_stack([expected["moment_y_n_m"], expected["moment_z_n_m"]])
+    replay = estimator.replay(t_s, base, noisy)
+    assert replay.touching.sum() > 20
+    for values, names in [(replay.contact_world, "contact_{}_m"), (replay.normal_world, "normal_{}")]:
+        of_command = np.column_stack([expected[names.format(axis)] for axis in "xyz"])
+        assert np.array_equal(values, of_command, equal_nan=True)
+
+
 def test_verif_replay_equals_steps_and_finds_the_contact(trace, calibration):
     noise_sd_n_m = 0.01 * np.abs(trace.recording["moment_z_n_m"]).max()
     estimator = wc.SpatialEstimator("line", calibration, noise_sd_n_m, trace.rate_hz)
@@ -147,6 +198,9 @@ def test_robust_bad_input_is_one_error(trace, calibration):
         estimator.step((0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0), 0.004, (0.0, 0.0))
     with pytest.raises(ValueError, match=r"reading_n_m: found \[NaN, 0.0\]"):
         estimator.step((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 0.004, (float("nan"), 0.0))
+    estimator.step((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 0.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="update: found samples given by `step` before"):
+        estimator.update(0.0, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0))
     t_s, base, readings = inputs(trace)
     with pytest.raises(ValueError, match="base: found an array of shape"):
         estimator.replay(t_s, base[:, :3], readings)
@@ -154,6 +208,29 @@ def test_robust_bad_input_is_one_error(trace, calibration):
         estimator.replay(t_s, base, readings[:, 0])
     with pytest.raises(ValueError, match="format: found 1"):
         wc.SpatialTrace.read(GOLDEN / "golden_pin.csv")
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0])
+def test_robust_readings_of_no_sign_or_the_wrong_one_are_refused(rod, lines, factor):
+    wrong = [(points, factor * readings if i == 7 else readings) for i, (points, readings) in enumerate(lines)]
+    with pytest.raises(ValueError, match=r"readings of lines\[7\]: found .*, expected about"):
+        wc.fit_spatial_calibration(rod, wrong, models=["polynomial"])
+
+
+def test_robust_a_calibration_of_missing_traces_is_refused(tmp_path, calibration):
+    for name in ("one", "other"):
+        for end in ("csv", "json"):
+            text = (GOLDEN / "space" / f"golden_space.{end}").read_text()
+            (tmp_path / f"{name}.{end}").write_text(text.replace('"golden_space"', f'"{name}"'))
+    path = tmp_path / "calibrations" / "curved.json"
+    path.parent.mkdir()
+    calibration.write(path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"traces": ["one", "other"]}))
+    with pytest.raises(ValueError, match=r"curved\.json: data_sha256: found .* have changed"):
+        wc.load_spatial_calibration(path)
+    (tmp_path / "other.json").unlink()
+    with pytest.raises(ValueError, match=r"other\.csv is missing"):
+        wc.load_spatial_calibration(path)
 
 
 def test_verif_the_registry_lists_the_estimators():

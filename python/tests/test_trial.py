@@ -78,6 +78,8 @@ def test_robust_a_sweep_without_an_equilibrium_names_the_row(whisker):
     base = np.column_stack([np.zeros_like(t_s), 0.05 * t_s, np.zeros_like(t_s)])
     with pytest.raises(ValueError, match=r"base\[\d+\]: the whisker (slips off|buckles)"):
         wc.simulate(whisker, wc.Shape.pin([0.055, 0.002]), t_s, base, "left")
+    with pytest.raises(ValueError, match="rate_hz: found"):
+        wc.simulate(whisker, wc.Shape.pin([0.055, 0.002]), 1e-7 * t_s / t_s[1], base, "left")
     with pytest.raises(ValueError, match=r"t_s\[1\]: found a step of"):
         wc.simulate(whisker, wc.Shape.pin([0.055, 0.002]), [0.0, 0.1, 0.5], base[:3], "left")
 
@@ -144,6 +146,26 @@ def test_verif_an_own_estimator_is_judged_like_a_registered_one(trial):
     assert trial.replay("ekf").table.dtype == pinned.table.dtype
 
 
+def test_robust_a_replay_of_another_trial_is_refused(whisker, simulated, calibration, trial):
+    t_s = simulated.recording["t_s"].copy()
+    base = sweep_base(t_s)
+    other_object = wc.simulate(whisker, wc.Shape.circle([0.055, 0.01], 0.01), t_s, base, "left")
+    other_base = wc.simulate(whisker, wc.Shape.pin([0.056, 0.0]), t_s, base + np.array([0.001, 0.0, 0.0]), "left")
+    own = wc.Estimator("ekf", calibration, trial.noise_sd_n_m, trial.rate_hz)
+    for replay, found in [
+        (wc.Trial(other_object, calibration, noise=0.01, seed=1).replay("ekf"), "reading"),
+        (wc.Trial(simulated, calibration, noise=0.01, seed=2).replay("ekf"), "reading"),
+        (wc.Trial(other_base, calibration, noise=0.01, seed=1).replay("ekf"), "base x"),
+        (own.replay(t_s + 0.1, base, trial.readings_n_m), "time"),
+        (own.replay(t_s, base + np.array([0.0, 0.0, 0.01]), trial.readings_n_m), "base yaw"),
+        (own.replay(t_s[:10], base[:10], trial.readings_n_m[:10]), "10 rows"),
+    ]:
+        for use in (trial.score, trial.errors_m, trial.outline, lambda replay: wc.scene_map([(trial, replay)])):
+            with pytest.raises(ValueError, match=rf"replay: .*{found}.*, expected"):
+                use(replay)
+    assert trial.score(own.replay(t_s, base, trial.readings_n_m))["rmse_m"] > 0.0
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -190,6 +212,11 @@ def test_verif_evaluate_has_a_row_for_each_trace_seed_and_estimator(simulated, c
         wc.evaluate([], calibration, ["ekf"])
     with pytest.raises(ValueError, match="seeds: found none"):
         wc.evaluate([simulated], calibration, ["ekf"], seeds=0)
+    with pytest.raises(TypeError, match="estimators: found the text `ekf`, expected names in a list, or a dictionary"):
+        wc.evaluate([simulated], calibration, "ekf")
+    with pytest.raises(ValueError, match="threads: found 0, expected at least 1"):
+        wc.evaluate([simulated], calibration, ["ekf"], threads=0)
+    assert wc.evaluate([simulated], calibration, ["ekf"], seeds=np.int64(1))["seed"].tolist() == [1]
 
 
 def test_robust_a_glitch_does_not_scale_the_noise(tmp_path, calibration):

@@ -41,10 +41,14 @@ def evaluate(
     then the metrics.
     """
     traces = list(traces)
+    if isinstance(estimators, str):
+        raise TypeError(f"estimators: found the text `{estimators}`, expected names in a list, or a dictionary")
+    if threads < 1:
+        raise ValueError(f"threads: found {threads}, expected at least 1")
     chosen = estimators if isinstance(estimators, Mapping) else {name: name for name in estimators}
     if not traces or not chosen:
         raise ValueError(f"evaluate: found {len(traces)} traces and {len(chosen)} estimators, expected at least one of each")
-    each_seed = range(1, seeds + 1) if isinstance(seeds, int) else seeds
+    each_seed = range(1, int(seeds) + 1) if isinstance(seeds, (int, np.integer)) else seeds
     if len(each_seed) == 0:
         raise ValueError("seeds: found none, expected at least one")
     largest_n_m = _largest_readings(traces, calibrations)

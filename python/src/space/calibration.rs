@@ -62,7 +62,10 @@ pub(crate) fn fit_spatial_calibration(
         None => SPATIAL_MODELS.iter().collect(),
         Some(names) => names.iter().map(|name| spatial_model(name).map_err(raised)).collect::<PyResult<_>>()?,
     };
-    let lines = lines.iter().enumerate().map(|(i, line)| samples(i, line)).collect::<PyResult<Vec<_>>>()?;
+    if candidates.is_empty() {
+        return Err(refused("models", "none", "at least one name of a sensor model"));
+    }
+    let lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
     let data = SpatialFitData { whisker: &rod.whisker, lines: &lines, reference_noise_sd_n_m: noise_sd_n_m };
     let (mut fits, mut reasons) = (Vec::new(), Vec::new());
     for row in candidates {
@@ -83,11 +86,22 @@ pub(crate) fn fit_spatial_calibration(
     SpatialCalibration::new(file, Path::new("calibration")).map_err(raised)
 }
 
-/// Calibration samples of one line.
-fn samples(i: usize, (contacts, readings): &(Numbers<'_>, Numbers<'_>)) -> PyResult<Vec<SpatialSample>> {
+/// Calibration samples of one line. Its largest reading must point as that of the rod at the contact does.
+fn samples(rod: &Rod, i: usize, (contacts, readings): &(Numbers<'_>, Numbers<'_>)) -> PyResult<Vec<SpatialSample>> {
     let what = format!("lines[{i}]");
     let (contacts, readings) = (rows::<3>(&what, contacts)?, rows::<2>(&format!("readings of {what}"), readings)?);
     same_length(&format!("readings of {what}"), readings.len(), "contacts", contacts.len())?;
+    let sized = contacts.iter().zip(readings.iter().map(|&reading| Vector2::from(reading)));
+    let largest = sized.max_by(|(_, one), (_, other)| one.norm().total_cmp(&other.norm()));
+    if let Some((&contact, reading_n_m)) = largest
+        && let Ok(solved) = rod.rod.at_point(contact.into())
+        && reading_n_m.dot(&solved.deflection.moment_n_m.yz()) <= 0.0
+    {
+        let (found, of_rod) = (reading_n_m, solved.deflection.moment_n_m.yz());
+        let found = format!("[{}, {}] as the largest", found.x, found.y);
+        let expected = format!("about [{:.3e}, {:.3e}], as the whisker's mechanics give", of_rod.x, of_rod.y);
+        return Err(refused(&format!("readings of {what}"), found, &expected));
+    }
     let sample = |([x_m, y_m, z_m], reading): ([f64; 3], [f64; 2])| {
         let reading_n_m = Vector2::from(reading);
         SpatialSample { contact: Point::new(x_m, y_m, z_m), reading_n_m, reference_n_m: reading_n_m, count: 1.0 }

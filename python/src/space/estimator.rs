@@ -2,24 +2,25 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use ::trace::SpatialPose;
 use ::whisker::events::TouchConfig;
-use ::whisker::frames::{Base, World};
 use ::whisker::space::estimators::{self, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow};
-use ::whisker::space::frames::Pose;
 use anyhow::Context;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use testbed::space::replay::registered;
+use testbed::space::replay::{SpatialSteps, registered};
+use testbed::space::to_world;
 
 use super::calibration::SpatialCalibration;
-use super::pose::pose;
+use super::pose::{motion, placed};
 use super::replay::SpatialReplay;
 use crate::arrays::{Numbers, rows, same_length, times};
-use crate::convert::{check_dt, check_not_negative, check_rate, from_json, settings_over};
+use crate::convert::{check_not_negative, check_rate, from_json, settings_over};
 use crate::error::{raised, refused};
 use crate::interrupt;
+use crate::sampling::Sampling;
 
 /// Registered estimators in space: `name`, `about` and default `settings`.
 #[pyfunction]
@@ -41,15 +42,15 @@ pub(crate) struct SpatialEstimator {
     running: Mutex<Running>,
 }
 
-/// The estimator with the last pose and time of `update`.
 struct Running {
     estimator: estimators::Estimator,
-    last: Option<(Pose<Base, World>, f64)>,
+    sampling: Sampling,
+    steps: SpatialSteps,
 }
 
 impl From<estimators::Estimator> for Running {
     fn from(estimator: estimators::Estimator) -> Self {
-        Self { estimator, last: None }
+        Self { estimator, sampling: Sampling::default(), steps: SpatialSteps::default() }
     }
 }
 
@@ -108,12 +109,12 @@ impl SpatialEstimator {
     /// of Base (N m).
     ///
     /// `motion` is the pose of the base's frame at the last sample in its present frame: x, y, z (m) and a unit quaternion w, x,
-    /// y, z. Returns `None` while the whisker is free or the method has no estimate.
+    /// y, z. `dt_s` is positive, or 0 at the first sample. Returns `None` while the whisker is free or the method has no estimate.
     fn step(&self, motion: [f64; 7], dt_s: f64, reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
-        check_dt(dt_s)?;
-        let reading_n_m = finite(reading_n_m)?;
-        let sample = Sample { motion: pose("motion", motion)?, dt_s, reading_n_m };
-        let estimate = self.running().estimator.step(&sample);
+        let (motion, reading_n_m) = (self::motion(motion)?, finite(reading_n_m)?);
+        let mut running = self.running();
+        running.sampling.step(dt_s)?;
+        let estimate = running.estimator.step(&Sample { motion, dt_s, reading_n_m });
         Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
     }
 
@@ -122,18 +123,11 @@ impl SpatialEstimator {
     ///
     /// The times must ascend. An estimator takes its samples either by `step` or by `update`.
     fn update(&self, t_s: f64, base: [f64; 7], reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {
+        let (base, reading_n_m) = (placed("base", base)?, finite(reading_n_m)?);
         let mut running = self.running();
-        let last_s = running.last.map(|(_, last_s)| last_s);
-        if !t_s.is_finite() || last_s.is_some_and(|last_s| t_s <= last_s) {
-            let expected = last_s.map_or("a finite number".into(), |last_s| format!("more than the last, {last_s}"));
-            return Err(refused("t_s", t_s, &expected));
-        }
-        let (base, reading_n_m) = (pose("base", base)?, finite(reading_n_m)?);
-        let (motion, dt_s) = match running.last.replace((base, t_s)) {
-            Some((before, before_s)) => (before.then(&base.inverse()), t_s - before_s),
-            None => (Pose::identity(), 0.0),
-        };
-        let estimate = running.estimator.step(&Sample { motion, dt_s, reading_n_m });
+        running.sampling.update(t_s)?;
+        let sample = running.steps.sample(t_s, &base, reading_n_m);
+        let estimate = running.estimator.step(&sample);
         Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
     }
 
@@ -150,18 +144,16 @@ impl SpatialEstimator {
         let (bases, readings) = (rows::<7>("base", &base)?, rows::<2>("readings_n_m", &readings_n_m)?);
         same_length("base", bases.len(), "t_s", times_s.len())?;
         same_length("readings_n_m", readings.len(), "t_s", times_s.len())?;
-        let placed = bases.iter().enumerate().map(|(row, &base)| pose(&format!("base[{row}]"), base));
-        let bases: Vec<Pose<Base, World>> = placed.collect::<PyResult<_>>()?;
+        let bases = bases.iter().enumerate().map(|(row, &base)| placed(&format!("base[{row}]"), base));
+        let bases: Vec<SpatialPose> = bases.collect::<PyResult<_>>()?;
+        let mut steps = SpatialSteps::default();
         let mut estimator = Self::start(self.row, &self.config, &self.knowledge)?;
         let mut estimates = Vec::with_capacity(times_s.len());
         interrupt::each(py, times_s.len(), |row| {
-            let (motion, dt_s) = match row.checked_sub(1) {
-                Some(last) => (bases[last].then(&bases[row].inverse()), times_s[row] - times_s[last]),
-                None => (Pose::identity(), 0.0),
-            };
-            estimates.push(estimator.step(&Sample { motion, dt_s, reading_n_m: Vector2::from(readings[row]) }));
+            estimates.push(estimator.step(&steps.sample(times_s[row], &bases[row], Vector2::from(readings[row]))));
             Ok(())
         })?;
+        let bases = bases.iter().map(to_world).collect();
         Ok(SpatialReplay { times_s, bases, estimates })
     }
 

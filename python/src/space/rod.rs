@@ -3,12 +3,11 @@
 use ::whisker::rod::{self, SpatialContact, Suspension};
 use ::whisker::space::sensor::SpatialWhisker;
 use nalgebra::Vector3;
-use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 
-use crate::arrays::{Numbers, column, matrices, rows, vectors};
-use crate::error::{raised, refused};
+use crate::arrays::{Numbers, column, matrices, points_of_rows, rows, vectors};
+use crate::error::raised;
 use crate::interrupt;
 use crate::whisker::Whisker;
 
@@ -19,7 +18,7 @@ use crate::whisker::Whisker;
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct Rod {
     pub(super) whisker: SpatialWhisker,
-    rod: rod::Rod,
+    pub(super) rod: rod::Rod,
 }
 
 #[pymethods]
@@ -127,10 +126,7 @@ impl SpatialContacts {
     /// Shapes (n, count, 3) of the deflected centre lines at evenly spaced arc lengths from root to tip, in Base (m).
     #[pyo3(signature = (count=101))]
     fn shape<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        if count < 2 {
-            return Err(refused("count", count, "at least 2 points, root and tip"));
-        }
-        let mut shapes = Array3::from_elem((self.contacts.len(), count, 3), f64::NAN);
+        let mut shapes = points_of_rows(self.contacts.len(), count, 2, 3)?;
         interrupt::each(py, self.contacts.len(), |row| {
             let Ok(contact) = &self.contacts[row] else { return Ok(()) };
             let line = self.rod.line(contact.load)?;

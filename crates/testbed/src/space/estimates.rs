@@ -1,12 +1,12 @@
 //! Estimates in space as a table.
 
-use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use trace::SpatialTrace;
-use whisker::frames::{Base, World};
 use whisker::space::estimators::Estimate;
-use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
+
+use super::to_world;
 
 /// One instant of a replay in space. Positions and directions are in World, moments in Base.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -146,7 +146,7 @@ pub fn spatial_estimate_row(
     estimate: Option<&Estimate>,
 ) -> SpatialEstimateRow {
     let now = &trace.recording.instants[instant];
-    let base: Pose<Base, World> = Pose::new(now.base.position, Rotation3::from(now.base.rotation));
+    let base = to_world(&now.base);
     let contact = estimate.map(|estimate| base.apply(estimate.contact).vector());
     let surface = estimate.map(|estimate| calibrated.surface(estimate.contact, estimate.normal));
     let surface = surface.map(|surface| base.apply(surface).vector());

@@ -29,7 +29,7 @@ mod wire;
 
 #[cfg(feature = "evaluation")]
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
-pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
+pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base, to_world};
 #[cfg(feature = "evaluation")]
 pub use run::{SpatialMapRow, SpatialRun, SpatialRunTrial, SpatialRunWhisker, SpatialWritten, evaluate_into};
 #[cfg(feature = "evaluation")]

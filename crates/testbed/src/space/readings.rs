@@ -28,8 +28,12 @@ pub fn largest_reading_n_m<'a>(traces: impl IntoIterator<Item = &'a SpatialTrace
     readings.map(|reading_n_m| reading_n_m.norm()).fold(0.0, f64::max)
 }
 
+/// Pose of the base in World.
+pub fn to_world(pose: &SpatialPose) -> Pose<Base, World> {
+    Pose::new(pose.position, Rotation3::from(pose.rotation))
+}
+
 /// Pose of World in the frame of the base.
 pub fn to_base(pose: &SpatialPose) -> Pose<World, Base> {
-    let base: Pose<Base, World> = Pose::new(pose.position, Rotation3::from(pose.rotation));
-    base.inverse()
+    to_world(pose).inverse()
 }

@@ -29,6 +29,21 @@ pub struct SpatialPose {
     pub rotation: UnitQuaternion<f64>,
 }
 
+impl SpatialPose {
+    /// The pose with this position (m) and this unit quaternion, which is kept as given: normalising would change its last decimals
+    /// when a trace is written again.
+    ///
+    /// # Errors
+    /// The norm of the quaternion, if it is not 1.
+    pub fn new(position: Vector3<f64>, quaternion: Quaternion<f64>) -> Result<Self, f64> {
+        let norm = quaternion.norm();
+        if (norm - 1.0).abs() > UNIT || norm.is_nan() {
+            return Err(norm);
+        }
+        Ok(Self { position, rotation: UnitQuaternion::new_unchecked(quaternion) })
+    }
+}
+
 /// Twist of the base relative to World, in Base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpatialTwist {
@@ -252,19 +267,15 @@ impl Row<'_> {
         self.flag(i)?.ok_or_else(|| self.wrong(i, "0 or 1"))
     }
 
-    fn rotation(&self) -> Result<UnitQuaternion<f64>, Error> {
+    fn base(&self) -> Result<SpatialPose, Error> {
+        let position = self.vector(POSITION)?;
         let mut parts = [0.0; 4];
         for (i, part) in parts.iter_mut().enumerate() {
             *part = self.required(QUATERNION + i)?;
         }
         let [w, x, y, z] = parts;
-        let quaternion = Quaternion::new(w, x, y, z);
-        if (quaternion.norm() - 1.0).abs() > UNIT {
-            let expected = format!("a unit quaternion, not one of norm {:.9}", quaternion.norm());
-            return Err(self.wrong(QUATERNION, &expected));
-        }
-        // As written: normalising would change the last decimals when the trace is written again.
-        Ok(UnitQuaternion::new_unchecked(quaternion))
+        SpatialPose::new(position, Quaternion::new(w, x, y, z))
+            .map_err(|norm| self.wrong(QUATERNION, &format!("a unit quaternion, not one of norm {norm:.9}")))
     }
 
     /// Parses the row, whose time must be after `last_s`.
@@ -282,7 +293,7 @@ impl Row<'_> {
         };
         let known = SpatialInstant {
             t_s,
-            base: SpatialPose { position: self.vector(POSITION)?, rotation: self.rotation()? },
+            base: self.base()?,
             twist,
             moment_x_n_m: self.optional(MOMENT)?,
             moment_y_n_m: self.required(MOMENT + 1)?,
