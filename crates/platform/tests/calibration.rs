@@ -1,9 +1,12 @@
 //! The calibration pipeline on synthetic recordings with known ground truth, and on real ones.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use files::Watermark;
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use platform::Sample;
 use platform::calibration::logs::{GatherError, LogReader, Source, gather};
 use platform::calibration::published::zero_phase;
@@ -275,6 +278,62 @@ fn robust_labelled_presses_at_one_place_or_with_two_labels_are_refused() {
     let gathered = gather(&[labelled(&log)], &Settings::default(), row, RATE_HZ).unwrap();
     let fitted = Calibration::fit(row, gathered.presses, gathered.chain, HoldOut::Press, 0.9, watermark());
     assert_eq!(fitted.unwrap_err(), Error::OnePlace { regression: "robust", distance_m: 0.065 });
+}
+
+#[test]
+fn verif_the_domain_is_that_of_the_features_of_the_regression() {
+    let presses = with_all_features(40, 5);
+    let inside = presses[0].features;
+    let far = Some(1e3 * inside.slope_counts_per_s);
+    let changed = |change: fn(&mut Features, Option<f64>)| {
+        let mut features = inside;
+        change(&mut features, far);
+        features
+    };
+    let slope = changed(|features, far| features.slope_counts_per_s = far.unwrap());
+    let ramp = changed(|features, far| features.ramp_counts_per_s = far);
+    let peak = changed(|features, far| features.peak_counts = far);
+    let ratio = changed(|features, far| features.slope_ratio = far);
+    for (name, used, unused) in [
+        ("robust", vec![slope], vec![ramp, peak, ratio]),
+        ("robust-ramp", vec![ramp], vec![slope, peak, ratio]),
+        ("beam-ramp", vec![ramp], vec![slope, peak, ratio]),
+        ("several", vec![slope, peak, ratio], vec![ramp]),
+    ] {
+        let row = regression(name).unwrap();
+        let calibration = Calibration::fit(row, presses.clone(), None, HoldOut::Press, 0.9, watermark()).unwrap();
+        assert!(used.iter().all(|features| calibration.estimate(features).is_none()), "{name}");
+        assert!(unused.iter().all(|features| calibration.estimate(features).is_some()), "{name}");
+    }
+}
+
+#[test]
+fn robust_a_log_given_twice_and_an_incomplete_compressed_log_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = write_log(folder.path(), "log", &positions(4, 0.05, 0.14), 1);
+    let copy = folder.path().join("copy.csv");
+    fs::copy(&log, &copy).unwrap();
+    fs::copy(log.with_extension("json"), copy.with_extension("json")).unwrap();
+    let table = folder.path().join("table.csv");
+    fs::write(&table, "distance_mm,slope_counts_per_s\n50,9e4\n60,8e4\n").unwrap();
+    let row = regression("robust").unwrap();
+    let refused = |paths: &[&PathBuf]| {
+        let sources: Vec<_> = paths.iter().map(|path| source(path.to_path_buf())).collect();
+        gather(&sources, &Settings::default(), row, RATE_HZ).unwrap_err().to_string()
+    };
+    for paths in [[&log, &log], [&log, &copy], [&table, &table]] {
+        let error = refused(&paths);
+        let expected = format!("log: found the content of {}, expected each log once", paths[0].display());
+        assert!(error.starts_with(&format!("{}: {expected}", paths[1].display())), "{error}");
+    }
+
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(&fs::read(&log).unwrap()).unwrap();
+    let bytes = encoder.finish().unwrap();
+    let cut = folder.path().join("log.csv.gz");
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let error = refused(&[&cut]);
+    assert!(error.contains("row: found the end of an incomplete gzip file, expected a complete one"), "{error}");
 }
 
 #[test]

@@ -27,13 +27,13 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::coefficients::{Coefficients, Fitted};
 use super::cross_validation::{HoldOut, Progress, fits_without_each, inner, no_progress};
-use super::regression::{Fit, LiveFit, REGRESSIONS, RegressionRow};
+use super::regression::{Fit, LiveFit, Quantity, REGRESSIONS, RegressionRow};
 use super::{Chain, Error, Features, LabelledPress};
 
 /// Kind of the file.
 pub const KIND: &str = "platform_calibration";
 
-/// Margin of the calibrated domain: the range of the logarithm of the slope is extended on both sides by this share of it.
+/// Margin of the calibrated domain: the range of each quantity of the regression is extended on both sides by this share of it.
 const MARGIN: f64 = 0.1;
 
 /// Largest relative difference between the scores in a file and those of its coefficients: rounding of another machine's logarithm.
@@ -107,8 +107,8 @@ pub struct Calibration {
     residuals_m: Vec<f64>,
     /// Half of the interval at a new place (m). `None` if no places were held out, or there are too few.
     half_m: Option<f64>,
-    /// Range of the logarithm of the slope over the presses.
-    log_slopes: [f64; 2],
+    /// Quantities by which the regression estimates, with their ranges over the presses.
+    domain: Vec<(Quantity, [f64; 2])>,
     was_fitted_on_reading: bool,
 }
 
@@ -162,16 +162,16 @@ impl Calibration {
             presses,
             watermark,
         };
-        Ok(Self::new(file, fitted, groups))
+        Ok(Self::new(file, &live, fitted, groups))
     }
 
-    fn new(file: CalibrationFile, fitted: Fitted, groups: Vec<usize>) -> Self {
+    fn new(file: CalibrationFile, live: &LiveFit, fitted: Fitted, groups: Vec<usize>) -> Self {
         let validation = fitted.validation(&file.presses, &groups);
-        let log_slopes = file
-            .presses
-            .iter()
-            .map(|press| press.features.slope_counts_per_s.ln())
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+        let range = |quantity: &Quantity| {
+            let values = file.presses.iter().map(|press| quantity(&press.features));
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+        };
+        let domain = live.quantities.iter().map(|quantity| (*quantity, range(quantity))).collect();
         let residuals_m: Vec<f64> = validation.held_out.iter().map(|held_out| held_out.error_m.abs()).collect();
         let is_by_place = file.hold_out == HoldOut::Place;
         Self {
@@ -180,7 +180,7 @@ impl Calibration {
             file,
             fitted,
             groups,
-            log_slopes,
+            domain,
             was_fitted_on_reading: false,
         }
     }
@@ -224,7 +224,7 @@ impl Calibration {
         let fitted = coefficients.restore(path, live, groups.iter().max().map_or(0, |last| last + 1))?;
         let scores = fitted.validation(&file.presses, &groups).scores();
         scores.check(path, &file.scores)?;
-        Ok(Self::new(CalibrationFile { scores, ..file }, fitted, groups))
+        Ok(Self::new(CalibrationFile { scores, ..file }, live, fitted, groups))
     }
 
     /// Whether the file that it was read from had no coefficients, so that it was fitted again.
@@ -255,15 +255,16 @@ impl Calibration {
         &self.file.scores
     }
 
-    /// Estimated distance of a press with these features. `None` if its slope is outside the calibrated domain, or a
-    /// feature is missing that the regression uses.
+    /// Estimated distance of a press with these features. `None` if a feature that the regression uses is missing or outside the
+    /// calibrated domain.
     pub fn estimate(&self, features: &Features) -> Option<Estimate> {
-        let [low, high] = self.log_slopes;
-        let margin = MARGIN * (high - low);
-        let log_slope = features.slope_counts_per_s.ln();
+        let is_inside = self.domain.iter().all(|(quantity, [low, high])| {
+            let margin = MARGIN * (high - low);
+            (low - margin..=high + margin).contains(&quantity(features))
+        });
         let distance_m = self.fitted.all.distance_m(features);
-        let is_inside = (low - margin..=high + margin).contains(&log_slope) && distance_m.is_finite();
-        is_inside.then(|| Estimate { distance_m, interval_m: self.interval_m(features, distance_m) })
+        let is_known = is_inside && distance_m.is_finite();
+        is_known.then(|| Estimate { distance_m, interval_m: self.interval_m(features, distance_m) })
     }
 
     fn interval_m(&self, features: &Features, distance_m: f64) -> Option<[f64; 2]> {

@@ -104,10 +104,12 @@ pub fn gather(
     table_rate_hz: f64,
 ) -> Result<Gathered, GatherError> {
     let mut gathered = Gathered { presses: Vec::new(), chain: None, notes: Vec::new() };
-    let mut recordings = Vec::new();
+    let mut recordings: Vec<Recording> = Vec::new();
+    let mut tables: Vec<(String, String)> = Vec::new();
     for source in sources {
         let name = source.path.display().to_string();
         if let Some(text) = table_text(&source.path)? {
+            check_new(&source.path, tables.iter().find(|(_, table)| *table == text).map(|(name, _)| name))?;
             if let Some(distance_m) = source.distance_m {
                 let found = format!("{:.1} mm for the whole table", 1e3 * distance_m);
                 let expected = "no label: a table states the distance of each press";
@@ -118,6 +120,7 @@ pub fn gather(
                 gathered.notes.push(format!("{name}: skipped lines without a distance: {:?}", table.unlabelled));
             }
             gathered.presses.extend(table.presses);
+            tables.push((name, text));
             continue;
         }
         let mut reader = LogReader::open(&source.path)?;
@@ -125,6 +128,7 @@ pub fn gather(
         if reader.cut_off() {
             gathered.notes.push(format!("{name}: skipped the incomplete last line"));
         }
+        check_new(&source.path, recordings.iter().find(|log| log.samples == samples).map(|log| &log.name))?;
         let labels = match source.distance_m {
             Some(distance_m) => {
                 check_label(&source.path, distance_m)?;
@@ -168,6 +172,12 @@ fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Feat
     let episodes = published::episodes(samples, chain.main_axis, chain.rate_hz)?;
     let features = |episode: &published::Episode| Features::of_slope(-episode.slope_counts_per_sample * chain.rate_hz);
     Ok(episodes.iter().map(|episode| (episode.onset_s, features(episode))).collect())
+}
+
+/// Checks that a log is none of those before it: presses that count twice would be held out only once each.
+fn check_new(path: &Path, same: Option<&String>) -> Result<(), files::Error> {
+    let Some(same) = same else { return Ok(()) };
+    Err(files::Error::value(path, "log", format!("the content of {same}"), "each log once"))
 }
 
 /// Checks that the sidecar of a log, if it has one, states no other distance than the label.

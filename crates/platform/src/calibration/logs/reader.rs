@@ -66,10 +66,8 @@ impl LogReader {
         match read {
             Ok(0) => return Ok(None),
             Ok(_) => {}
-            // End of an incomplete compressed file.
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
-                self.cut_off = true;
-                return Ok(None);
+                return Err(self.wrong("row", "the end of an incomplete gzip file", "a complete one: copy it again"));
             }
             Err(reason) => return Err(Error::Io { path: self.path.clone(), reason }),
         }

@@ -15,7 +15,7 @@
 use filters::least_squares::{Damping, Evaluated, Method, Residuals, Settings, central_jacobian, minimise};
 use nalgebra::{DMatrix, DVector, dvector};
 
-use super::regressor::{LiveFit, LogSlope, Regressor, log_ramp, log_slope, with_ramps};
+use super::regressor::{LiveFit, Quantity, Regressor, log_ramp, log_slope, with_ramps};
 use crate::calibration::{Error, Features, LabelledPress};
 
 /// Upper end of the search for a distance, as a share of the virtual tip's distance.
@@ -34,12 +34,14 @@ const COEFFICIENTS: &[&str] = &["log_gain_counts_m_per_s", "bend_per_m", "tip_m"
 
 pub(super) const LIVE: LiveFit = LiveFit {
     coefficients: COEFFICIENTS,
+    quantities: &[log_slope],
     fit: |presses| fit("beam", presses, log_slope),
     restore: |coefficients| restore(coefficients, log_slope),
 };
 
 pub(super) const RAMP: LiveFit = LiveFit {
     coefficients: COEFFICIENTS,
+    quantities: &[log_ramp],
     fit: |presses| {
         with_ramps("beam-ramp", presses)?;
         fit("beam-ramp", presses, log_ramp)
@@ -49,7 +51,7 @@ pub(super) const RAMP: LiveFit = LiveFit {
 
 #[derive(Clone, Copy, Debug)]
 struct Beam {
-    measured: LogSlope,
+    measured: Quantity,
     log_gain: f64,
     bend_per_m: f64,
     tip_m: f64,
@@ -58,7 +60,7 @@ struct Beam {
 impl Beam {
     /// Beam of the unconstrained parameters `ln g`, `ln (l r)` and `ln (t / r - 1)`, with the reach `r` (m): any value
     /// of them is physical.
-    fn new(parameters: &DVector<f64>, reach_m: f64, measured: LogSlope) -> Self {
+    fn new(parameters: &DVector<f64>, reach_m: f64, measured: Quantity) -> Self {
         Self {
             measured,
             log_gain: parameters[0],
@@ -93,7 +95,7 @@ impl Regressor for Beam {
     }
 }
 
-fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+fn restore(coefficients: &[f64], measured: Quantity) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
     let [log_gain, bend_per_m, tip_m] = coefficients.try_into().expect("as many as names");
     // Zero and very large values are limits that a fit may reach.
     if bend_per_m < 0.0 {
@@ -105,7 +107,7 @@ fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor
     Ok(Box::new(Beam { measured, log_gain, bend_per_m, tip_m }))
 }
 
-fn fit(name: &'static str, presses: &[LabelledPress], measured: LogSlope) -> Result<Box<dyn Regressor>, Error> {
+fn fit(name: &'static str, presses: &[LabelledPress], measured: Quantity) -> Result<Box<dyn Regressor>, Error> {
     let reach_m = presses.iter().map(|press| press.distance_m).fold(0.0, f64::max);
     let nearest_m = presses.iter().map(|press| press.distance_m).fold(f64::INFINITY, f64::min);
     let differ = presses.iter().any(|press| measured(&press.features) != measured(&presses[0].features));
@@ -132,7 +134,7 @@ fn fit(name: &'static str, presses: &[LabelledPress], measured: LogSlope) -> Res
 struct Distances<'a> {
     presses: &'a [LabelledPress],
     reach_m: f64,
-    measured: LogSlope,
+    measured: Quantity,
 }
 
 impl Residuals for Distances<'_> {

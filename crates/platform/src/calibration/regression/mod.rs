@@ -11,7 +11,7 @@ mod robust;
 mod several;
 
 pub use choice::{Candidate, by_places};
-pub use regressor::{Fit, Fitter, LeakingRegressor, LiveFit, Regressor, Restorer};
+pub use regressor::{Fit, Fitter, LeakingRegressor, LiveFit, Quantity, Regressor, Restorer};
 
 use super::{Error, HoldOut, LabelledPress};
 

@@ -32,6 +32,8 @@ pub type Restorer = fn(&[f64]) -> Result<Box<dyn Regressor>, (usize, &'static st
 pub struct LiveFit {
     /// Names of its coefficients, in the order in which a calibration file stores them; a suffix is the unit.
     pub coefficients: &'static [&'static str],
+    /// Quantities by which it estimates. Their ranges over the presses are the calibrated domain.
+    pub quantities: &'static [Quantity],
     /// Fit to labelled presses.
     pub fit: Fitter<dyn Regressor>,
     /// Inverse of [`Regressor::coefficients`]: the restored regression gives the same distances, bit for bit.
@@ -69,8 +71,9 @@ impl Scale {
     }
 }
 
-/// Natural logarithm of a slope in counts/s, by which a regression estimates.
-pub(super) type LogSlope = fn(&Features) -> f64;
+/// Quantity of a press by which a regression estimates, such as the natural logarithm of a slope in counts/s; not a number if the
+/// feature is missing.
+pub type Quantity = fn(&Features) -> f64;
 
 /// Checks that every press has the slope before the low-pass.
 pub(super) fn with_ramps(regression: &'static str, presses: &[LabelledPress]) -> Result<(), Error> {

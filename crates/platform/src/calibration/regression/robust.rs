@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::regressor::{LiveFit, LogSlope, Regressor, Scale, log_ramp, log_slope, with_ramps};
+use super::regressor::{LiveFit, Quantity, Regressor, Scale, log_ramp, log_slope, with_ramps};
 use crate::calibration::learn::{SD_OVER_MAD, quantile};
 use crate::calibration::least_squares::solve;
 use crate::calibration::{Error, Features, LabelledPress};
@@ -26,6 +26,7 @@ const COEFFICIENTS: &[&str] =
 
 pub(super) const LIVE: LiveFit = LiveFit {
     coefficients: COEFFICIENTS,
+    quantities: &[log_slope],
     fit: |presses| fit("robust", presses, log_slope),
     restore: |coefficients| restore(coefficients, log_slope),
 };
@@ -33,6 +34,7 @@ pub(super) const LIVE: LiveFit = LiveFit {
 /// As [`LIVE`], with the slope before the low-pass.
 pub(super) const RAMP: LiveFit = LiveFit {
     coefficients: COEFFICIENTS,
+    quantities: &[log_ramp],
     fit: |presses| {
         with_ramps("robust-ramp", presses)?;
         fit("robust-ramp", presses, log_ramp)
@@ -43,14 +45,14 @@ pub(super) const RAMP: LiveFit = LiveFit {
 /// A polynomial in the scaled logarithm of the slope.
 #[derive(Clone, Debug)]
 struct Polynomial {
-    measured: LogSlope,
+    measured: Quantity,
     scale: Scale,
     coefficients_m: DVector<f64>,
 }
 
 impl Polynomial {
     /// Weighted least-squares fit. `None` if the presses do not determine it.
-    fn fit(presses: &[LabelledPress], weights: &DVector<f64>, measured: LogSlope) -> Option<Self> {
+    fn fit(presses: &[LabelledPress], weights: &DVector<f64>, measured: Quantity) -> Option<Self> {
         let values: Vec<f64> = presses.iter().map(|press| measured(&press.features)).collect();
         let scale = Scale::of(values.iter().copied())?;
         let rows = DMatrix::from_fn(values.len(), ORDER + 1, |i, power| scale.scaled(values[i]).powi(power as i32));
@@ -70,7 +72,7 @@ impl Regressor for Polynomial {
     }
 }
 
-fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
+fn restore(coefficients: &[f64], measured: Quantity) -> Result<Box<dyn Regressor>, (usize, &'static str)> {
     let scale = Scale { middle: coefficients[0], half: coefficients[1] };
     if scale.half <= 0.0 {
         return Err((1, Scale::HALF));
@@ -78,7 +80,7 @@ fn restore(coefficients: &[f64], measured: LogSlope) -> Result<Box<dyn Regressor
     Ok(Box::new(Polynomial { measured, scale, coefficients_m: DVector::from_column_slice(&coefficients[2..]) }))
 }
 
-fn fit(name: &'static str, presses: &[LabelledPress], measured: LogSlope) -> Result<Box<dyn Regressor>, Error> {
+fn fit(name: &'static str, presses: &[LabelledPress], measured: Quantity) -> Result<Box<dyn Regressor>, Error> {
     let mut weights = DVector::repeat(presses.len(), 1.0);
     let mut fitted = Polynomial::fit(presses, &weights, measured).ok_or(Error::Undetermined(name))?;
     for _ in 0..ROUNDS {

@@ -23,6 +23,7 @@ pub(super) const LIVE: LiveFit = LiveFit {
         "log_peak_m",
         "slope_ratio_m",
     ],
+    quantities: &[log_slope, log_peak, slope_ratio],
     fit,
     restore,
 };
