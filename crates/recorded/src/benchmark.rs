@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use files::{write_atomically, write_json};
 use filters::quantile::NORMAL_95;
 use importers::{SpatialRecordings, SpatialSweep, Triangle, stanford_in_space};
@@ -24,6 +24,9 @@ use crate::sweep::{SweepSettings, SweptContact, contacts};
 pub const FIXED: &str = "fixed-point-batch";
 /// Name of the published filter.
 pub const PAPER: &str = "paper-ukf-3d";
+
+/// Error of lines that cannot be held out.
+const SINGULAR: &str = "singular covariance of held-out lines";
 
 /// Least share of the contacts of a sweep that lie on a face whose distances are stated.
 const FACE_SHARE: f64 = 0.1;
@@ -191,6 +194,17 @@ pub struct Benchmark {
     pub failures: Vec<String>,
 }
 
+impl Benchmark {
+    fn extend(&mut self, other: Self) {
+        self.maps.extend(other.maps);
+        self.pins.extend(other.pins);
+        self.sweeps.extend(other.sweeps);
+        self.faces.extend(other.faces);
+        self.paper_sweeps.extend(other.paper_sweeps);
+        self.failures.extend(other.failures);
+    }
+}
+
 /// Contents of `space_settings.json`: settings that the results depend on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -219,7 +233,10 @@ pub fn run(folder: &Path, out: &Path, progress: &dyn Fn(&str)) -> anyhow::Result
         match Calibrated::new(calibration) {
             Ok(calibrated) => {
                 kernels.push((calibrated.name.clone(), calibrated.process.kernels));
-                evaluate(&recordings, index, &calibrated, &mut benchmark)?;
+                match evaluate(&recordings, index, &calibrated) {
+                    Ok(evaluated) => benchmark.extend(evaluated),
+                    Err(error) => benchmark.failures.push(format!("{}: {error:#}", calibrated.name)),
+                }
             }
             Err(error) => benchmark.failures.push(format!("{error:#}")),
         }
@@ -243,11 +260,13 @@ fn table<Row: Serialize>(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-fn map_score(calibrated: &Calibrated, model: &str, process: &Process) -> MapScore {
-    let held: Vec<HeldOut> = process.held_out(&calibrated.neighbours);
+fn map_score(calibrated: &Calibrated, model: &str, process: &Process) -> anyhow::Result<MapScore> {
+    let held: Vec<HeldOut> = process.held_out(&calibrated.neighbours).context(SINGULAR)?;
     let count = (2 * held.len()) as f64;
     let square: f64 = held.iter().map(|one| one.error.norm_squared()).sum();
-    MapScore {
+    let nees = held.iter().map(|one| one.error.component_div(&one.sd).norm_squared()).sum::<f64>() / count;
+    ensure!(nees.is_finite(), SINGULAR);
+    Ok(MapScore {
         calibration: calibrated.name.clone(),
         model: model.into(),
         samples: calibrated.samples.len(),
@@ -255,35 +274,34 @@ fn map_score(calibrated: &Calibrated, model: &str, process: &Process) -> MapScor
         largest_counts: process.largest_counts,
         heldout_rms: (square / count).sqrt() / process.largest_counts,
         heldout_worst: held.iter().map(|one| one.error.amax()).fold(0.0, f64::max) / process.largest_counts,
-        nees: held.iter().map(|one| one.error.component_div(&one.sd).norm_squared()).sum::<f64>() / count,
-    }
+        nees,
+    })
 }
 
-fn evaluate(
-    recordings: &SpatialRecordings,
-    index: usize,
-    calibrated: &Calibrated,
-    benchmark: &mut Benchmark,
-) -> anyhow::Result<()> {
+/// Results with one calibration.
+fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrated) -> anyhow::Result<Benchmark> {
+    let mut benchmark = Benchmark::default();
     let published = Process::new(&calibrated.process.samples, [paper::kernel(); 2]).context("singular covariance")?;
-    benchmark.maps.push(map_score(calibrated, "gaussian-process", &calibrated.process));
-    benchmark.maps.push(map_score(calibrated, "gaussian-process of paper-ukf-3d", &published));
+    benchmark.maps.push(map_score(calibrated, "gaussian-process", &calibrated.process)?);
+    benchmark.maps.push(map_score(calibrated, "gaussian-process of paper-ukf-3d", &published)?);
     let least_counts = TOUCH * calibrated.process.largest_counts;
     let lines: Vec<Vec<PinScore>> = (0..calibrated.neighbours.len())
         .into_par_iter()
         .map(|index| {
-            let Some(touch) = touch(&line(calibrated, index), least_counts) else { return Vec::new() };
-            let [ours, theirs] =
-                [&calibrated.process, &published].map(|process| process.without(&calibrated.neighbours[index]));
+            let Some(touch) = touch(&line(calibrated, index), least_counts) else { return Ok(Vec::new()) };
+            let held = &calibrated.neighbours[index];
+            let ours = calibrated.process.without(held).context(SINGULAR)?;
+            let theirs = published.without(held).context(SINGULAR)?;
             // The sensor did not move between a line and the others.
             let settings = Settings { place_sd_m: 0.0, ..Settings::default() };
             let (group, name) = (format!("left-out lines, {}", calibrated.name), format!("line {index}"));
             let methods = [(FIXED, Method::Fixed(&ours, settings)), (PAPER, Method::Paper(&theirs, index as u64))];
-            methods.into_iter().filter_map(|(method, how)| score(&group, &name, method, &replay(how, &touch))).collect()
+            let scored = methods.into_iter().map(|(method, how)| score(&group, &name, method, &replay(how, &touch)));
+            Ok(scored.flatten().collect())
         })
-        .collect();
+        .collect::<anyhow::Result<_>>()?;
     benchmark.pins.extend(lines.into_iter().flatten());
-    let [ours, theirs] = [&calibrated.process, &published].map(|process| process.without(&[]));
+    let [ours, theirs] = [&calibrated.process, &published].map(|process| process.predictor());
     let trials: Vec<(&str, &str, Vec<Reading>)> = recordings
         .pins
         .iter()
@@ -327,7 +345,7 @@ fn evaluate(
     benchmark.sweeps.extend(scores(calibrated, tip_m, &swept, |swept| &swept.batch));
     benchmark.faces.extend(swept.iter().flat_map(Swept::faces));
     benchmark.paper_sweeps.extend(scores(calibrated, tip_m, &swept, |swept| &swept.paper));
-    Ok(())
+    Ok(benchmark)
 }
 
 /// Arc length at which pins slip off the tip (m): median over trials of the outermost contact. `None` without trials.
@@ -367,10 +385,9 @@ impl<'a> Swept<'a> {
         let reading =
             |(origin_m, counts): &(Vector3<f64>, _)| Reading { rotation, origin_m: *origin_m, counts: *counts };
         let mut readings: Vec<Reading> = sweep.rows[first.saturating_sub(1)..last].iter().map(reading).collect();
-        let batch =
-            contacts(&calibrated.process.without(&[]), &calibrated.root_m, &readings, &SweepSettings::default());
+        let batch = contacts(&calibrated.process.predictor(), &calibrated.root_m, &readings, &SweepSettings::default());
         let start_m = batch.iter().flatten().next()?.contact_m + wrong(seed);
-        let predictor = published.without(&[]);
+        let predictor = published.predictor();
         let before = readings.remove(0);
         let mut filter = PaperUkf::new(&predictor, before, start_m);
         let contact = |Estimate { contact_m, covariance_m2, .. }: Estimate| SweptContact { contact_m, covariance_m2 };

@@ -69,7 +69,8 @@ impl Calibrated {
         let (mut process, outliers) =
             Process::robust(&samples, kernels).with_context(|| format!("{}: rows: singular covariance", place()))?;
         let neighbours = neighbours(&samples);
-        process.inflate(&neighbours);
+        let held_out = process.inflate(&neighbours);
+        held_out.with_context(|| format!("{}: rows: singular covariance of held-out lines", place()))?;
         let SpatialCalibration { name, root_m, wire, .. } = calibration.clone();
         Ok(Self { name, samples, process, outliers, root_m, wire, neighbours })
     }
@@ -140,7 +141,7 @@ fn selected(samples: &[Sample]) -> anyhow::Result<[Kernel; 2]> {
     let near = neighbours(&samples);
     let scored = |kernels: [Kernel; 2]| {
         let process = Process::new(&samples, kernels)?;
-        Some(score(&process.held_out(&near), process.largest_counts))
+        Some(score(&process.held_out(&near)?, process.largest_counts))
     };
     let mut kernels = [Kernel::START; 2];
     let mut best = scored(kernels).context("singular covariance")?;

@@ -326,7 +326,7 @@ mod tests {
     #[test]
     fn verif_a_fixed_contact_is_found_without_a_start() {
         let process = Process::new(&samples(), [Kernel::START; 2]).unwrap();
-        let predictor = process.without(&[]);
+        let predictor = process.predictor();
         let place_m = Vector3::new(0.1, -0.2, 0.05);
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
         let at = |step: usize| {

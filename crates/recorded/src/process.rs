@@ -184,17 +184,20 @@ impl Process {
     }
 
     /// Multiplies the predicted covariance of each channel by the mean normalised squared error on held-out lines, if it is
-    /// larger than one.
-    pub fn inflate(&mut self, neighbours: &[Vec<usize>]) {
-        let held = self.held_out(neighbours);
+    /// larger than one. `None` as by [`Self::held_out`], or if a predicted variance is zero.
+    pub fn inflate(&mut self, neighbours: &[Vec<usize>]) -> Option<()> {
+        let held = self.held_out(neighbours)?;
         for (channel, inflation) in self.inflation.iter_mut().enumerate() {
             let squares = held.iter().map(|one| (one.error[channel] / one.sd[channel]).powi(2));
-            *inflation = (squares.sum::<f64>() / held.len().max(1) as f64).max(1.0);
+            let mean = squares.sum::<f64>() / held.len().max(1) as f64;
+            *inflation = Some(mean.max(1.0)).filter(|_| mean.is_finite())?;
         }
+        Some(())
     }
 
-    /// Residuals of every sample, predicted without the lines that `neighbours` lists for its line.
-    pub fn held_out(&self, neighbours: &[Vec<usize>]) -> Vec<HeldOut> {
+    /// Residuals of every sample, predicted without the lines that `neighbours` lists for its line. `None` if the covariance of the
+    /// samples of such lines given the others is singular.
+    pub fn held_out(&self, neighbours: &[Vec<usize>]) -> Option<Vec<HeldOut>> {
         let mut found = Vec::new();
         for (line, held) in neighbours.iter().enumerate() {
             let rows: Vec<usize> = (0..self.samples.len()).filter(|&i| held.contains(&self.samples[i].line)).collect();
@@ -205,7 +208,7 @@ impl Process {
             let mut of_channel = Vec::new();
             for channel in 0..2 {
                 let block = self.inverse[channel].select_rows(&rows).select_columns(&rows);
-                let Some(covariance) = block.try_inverse() else { return found };
+                let covariance = block.try_inverse()?;
                 let error = &covariance * self.weights[channel].select_rows(&rows);
                 of_channel.push((error, covariance));
             }
@@ -215,33 +218,39 @@ impl Process {
                 sd: Vector2::from_fn(|channel, _| of_channel[channel].1[(i, i)].max(0.0).sqrt()) * self.largest_counts,
             }));
         }
-        found
+        Some(found)
     }
 
-    /// The predictor without the samples of some lines.
-    pub fn without(&self, lines: &[usize]) -> Predictor<'_> {
-        let rows: Vec<usize> = (0..self.samples.len()).filter(|&i| lines.contains(&self.samples[i].line)).collect();
-        let mut predictor = Predictor {
+    /// The predictor from all samples.
+    pub fn predictor(&self) -> Predictor<'_> {
+        Predictor {
             process: self,
             weights: self.weights.clone(),
             dropped: [0, 1].map(|_| DMatrix::zeros(0, 0)),
-            is_kept: (0..self.samples.len()).map(|i| !rows.contains(&i)).collect(),
-            rows: rows.clone(),
-        };
+            is_kept: vec![true; self.samples.len()],
+            rows: Vec::new(),
+        }
+    }
+
+    /// The predictor without the samples of some lines. `None` if the covariance of these samples given the others is singular.
+    pub fn without(&self, lines: &[usize]) -> Option<Predictor<'_>> {
+        let rows: Vec<usize> = (0..self.samples.len()).filter(|&i| lines.contains(&self.samples[i].line)).collect();
+        let mut predictor = self.predictor();
         if rows.is_empty() {
-            return predictor;
+            return Some(predictor);
         }
         for channel in 0..2 {
             let columns = self.inverse[channel].select_columns(&rows);
             let block = columns.select_rows(&rows);
-            let Some(inverse) = block.try_inverse() else { continue };
+            let inverse = block.try_inverse()?;
             predictor.weights[channel] -= columns * (&inverse * self.weights[channel].select_rows(&rows));
             predictor.dropped[channel] = inverse;
         }
         for &row in &rows {
             predictor.weights.iter_mut().for_each(|weights| weights[row] = 0.0);
+            predictor.is_kept[row] = false;
         }
-        predictor
+        Some(Predictor { rows, ..predictor })
     }
 }
 
@@ -405,7 +414,7 @@ pub(crate) mod tests {
     #[test]
     fn verif_derivatives_are_those_of_differences() {
         let process = process();
-        let predictor = process.without(&[3, 4]);
+        let predictor = process.without(&[3, 4]).unwrap();
         let at = Vector3::new(-0.023, -0.0071, 0.0023);
         let slopes = predictor.predict(&at).1;
         for axis in 0..3 {
@@ -429,11 +438,12 @@ pub(crate) mod tests {
             };
             fitted.weights[channel] = &fitted.inverse[channel] * DVector::from_fn(kept.len(), |i, _| deviation(i));
         }
-        let (one, other) = (process.without(&dropped), fitted.without(&[]));
+        let (one, other) = (process.without(&dropped).unwrap(), fitted.predictor());
         let place = Place { contact_m: Vector3::new(-0.022, -0.004, 0.001), load: 0.3 };
         assert!((one.predict(&place.contact_m).0 - other.predict(&place.contact_m).0).norm() < 1e-4);
         let held = process
-            .held_out(&(0..35).map(|line| if line == 5 { dropped.to_vec() } else { vec![line] }).collect::<Vec<_>>());
+            .held_out(&(0..35).map(|line| if line == 5 { dropped.to_vec() } else { vec![line] }).collect::<Vec<_>>())
+            .unwrap();
         for found in held.iter().filter(|found| process.samples[found.sample].line == 5) {
             let sample = &process.samples[found.sample];
             assert!((sample.counts - found.error - one.predict(&sample.contact_m).0).norm() < 1e-4);
@@ -443,6 +453,18 @@ pub(crate) mod tests {
             // The covariance of the samples is nearly singular; rounding is amplified.
             assert!((a - b).abs() < 1e-5 * a, "{a} {b}");
         }
+    }
+
+    #[test]
+    fn robust_lines_with_a_singular_covariance_are_not_held_out() {
+        let mut process = process();
+        let rows: Vec<usize> = (0..process.samples.len()).filter(|&i| process.samples[i].line == 3).collect();
+        for (&i, &j) in rows.iter().flat_map(|i| rows.iter().map(move |j| (i, j))) {
+            process.inverse[1][(i, j)] = 0.0;
+        }
+        assert!(process.without(&[3]).is_none() && process.without(&[4]).is_some());
+        let each: Vec<Vec<usize>> = (0..35).map(|line| vec![line]).collect();
+        assert!(process.held_out(&each).is_none() && process.inflate(&each).is_none());
     }
 
     #[test]

@@ -484,7 +484,7 @@ mod tests {
     fn verif_the_force_is_the_gradient_of_the_energy() {
         let process = process();
         for (r, bend) in [(0.025, 0.3), (0.033, 0.4)] {
-            let found = normal(&process.without(&[]), &Vector3::zeros(), &polar(r, bend, 0.0)).unwrap();
+            let found = normal(&process.predictor(), &Vector3::zeros(), &polar(r, bend, 0.0)).unwrap();
             // In the direction of the pin's motion: the pin is pushed back by the wire.
             let (along, across) = (polar(1.0, bend, 0.0), Vector3::new(bend.sin(), -bend.cos(), 0.0));
             let expected = (across * 2.0 * bend / r - along * 3.0 * bend * bend / r).normalize();
@@ -505,7 +505,7 @@ mod tests {
     #[test]
     fn verif_the_covariance_includes_an_error_that_all_readings_have_in_common() {
         let process = process();
-        let (predictor, settings) = (process.without(&[]), SweepSettings::default());
+        let (predictor, settings) = (process.predictor(), SweepSettings::default());
         let found = |error: f64| {
             let mut readings = readings(&predictor, &[polar(0.03, 0.0, 0.0); 40]);
             for reading in &mut readings {
@@ -527,7 +527,7 @@ mod tests {
     #[test]
     fn regress_a_contact_that_jumps_is_found_again() {
         let process = process();
-        let (predictor, settings) = (process.without(&[]), SweepSettings::default());
+        let (predictor, settings) = (process.predictor(), SweepSettings::default());
         // From an edge far out on the wire to one near its root, that the wire touches with another deflection.
         let places = [[polar(0.036, 0.0, 0.0); 41], [polar(0.022, -0.15, 0.0); 41]].concat();
         let found = contacts(&predictor, &Vector3::zeros(), &readings(&predictor, &places), &settings);
@@ -540,7 +540,7 @@ mod tests {
     #[test]
     fn verif_the_gradient_is_that_of_the_cost() {
         let process = process();
-        let (predictor, settings) = (process.without(&[]), SweepSettings::default());
+        let (predictor, settings) = (process.predictor(), SweepSettings::default());
         let mut places: Vec<Vector3<f64>> =
             (0..6).map(|i| polar(0.03, 0.01 * f64::from(i), 0.0) + Vector3::y() * 1e-4 * f64::from(i)).collect();
         let rows = readings(&predictor, &[polar(0.031, 0.02, 1e-4); 6]);
