@@ -82,6 +82,9 @@ pub use stanford_whisker::space::{
     Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, Wire, stanford_in_space,
 };
 
+/// Largest reading of a sensor (counts).
+const MOST_COUNTS: f64 = 1e10;
+
 /// Entry of the registry of importers.
 pub struct ImporterRow {
     /// Name of the format.

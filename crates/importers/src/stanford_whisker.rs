@@ -40,7 +40,7 @@ use whisker::sensor::Face;
 use crate::mesh::section;
 use crate::provenance::generator;
 use crate::registration::{Mounted, Pressed, Registration, pieces, register};
-use crate::{Imported, Progress};
+use crate::{Imported, MOST_COUNTS, Progress};
 
 pub(crate) const NAME: &str = "stanford-whisker";
 
@@ -318,9 +318,10 @@ struct Table {
 impl Table {
     fn read(path: &Path) -> Result<Self, Error> {
         let bytes = read_table(path)?;
-        let mut rows = Vec::new();
+        let (mut rows, mut last) = (Vec::new(), 1);
         for row in reader(path, &bytes, &COLUMNS)? {
             let (line, record) = row?;
+            last = line;
             let cell = |i| number(path, line, &record, &COLUMNS, i);
             let stage = |i| match cell(i)? {
                 place_mm if place_mm.abs() <= FARTHEST_MM => Ok(place_mm * M_PER_MM),
@@ -330,8 +331,24 @@ impl Table {
                 }
             };
             let stage_m = [stage(1)?, stage(2)?, stage(3)?];
-            let channels = [cell(4)?, cell(5)?, cell(6)?];
+            let counts = |i| match cell(i)? {
+                counts if counts.abs() <= MOST_COUNTS => Ok(counts),
+                _ => {
+                    let expected = format!("at most {MOST_COUNTS} counts");
+                    Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
+                }
+            };
+            let channels = [counts(4)?, counts(5)?, counts(6)?];
             rows.push(Row { stage_m, counts: channels[1], channels });
+        }
+        if bytes.last() != Some(&b'\n') {
+            return Err(Error::Table {
+                path: path.into(),
+                line: last,
+                place: "row".into(),
+                found: "the end of the file".into(),
+                expected: "the end of the line before it: a number may lack digits".into(),
+            });
         }
         if rows.is_empty() {
             return Err(Error::Table {

@@ -268,6 +268,58 @@ fn robust_poses_in_the_wrong_unit() {
     assert!(warnings.contains("warning: trial_1: ") && warnings.contains("frame of the poses"), "{warnings}");
 }
 
+/// Example with a changed line of the trial, from 1.
+fn with_line(line: usize, change: impl Fn(Vec<&str>) -> String) -> tempfile::TempDir {
+    let folder = changed(|text| text);
+    let path = folder.path().join("trial_1.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let mut lines: Vec<String> = text.lines().map(Into::into).collect();
+    lines[line - 1] = change(lines[line - 1].split(',').collect());
+    fs::write(&path, lines.join("\n") + "\n").unwrap();
+    folder
+}
+
+#[test]
+fn robust_glitches_of_the_pose_and_impossible_values_are_named_with_their_row() {
+    let turned = |cells: Vec<&str>| {
+        let yaw_deg: f64 = cells[3].parse().unwrap();
+        format!("{},{},{},{},{}", cells[0], cells[1], cells[2], yaw_deg - 180.0, cells[4])
+    };
+    fails_on(with_line(100, turned).path(), &["trial_1.csv:100: column `flange_yaw_deg`: found ", "remove the row"]);
+    let moved = |cells: Vec<&str>| format!("{},{},0,{},{}", cells[0], cells[1], cells[3], cells[4]);
+    fails_on(with_line(100, moved).path(), &["trial_1.csv:100: column `flange_y_mm`: found 0 m between 0.1"]);
+    let huge = |cells: Vec<&str>| format!("{},{},{},{},1e30", cells[0], cells[1], cells[2], cells[3]);
+    fails_on(
+        with_line(12, huge).path(),
+        &["trial_1.csv:12: column `hall_counts`: found 1", "at most 10000000000 counts"],
+    );
+}
+
+#[test]
+fn robust_a_rest_longer_than_the_recording() {
+    let change = |text: String| text.replacen("\"rest_s\": 0.3", "\"rest_s\": 30", 1);
+    fails(change, &["calibration_1.csv", "reading.rest_s", "found 30 s for a recording of 3."]);
+}
+
+#[test]
+fn robust_a_last_row_without_a_line_end_is_left_out() {
+    let folder = changed(|text| text);
+    let path = folder.path().join("trial_1.csv");
+    let kept = fs::read(&path).unwrap();
+    let (complete, _) = imported(folder.path());
+    let rows = |folder: &Path| Trace::read(&folder.join("trial_1.csv")).unwrap().recording.instants;
+    let complete = rows(&complete);
+    // Without its last digit and the line end.
+    fs::write(&path, &kept[..kept.len() - 2]).unwrap();
+    fs::remove_dir_all(folder.path().join("traces")).unwrap();
+    let (traces, output) = imported(folder.path());
+    let notes = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && notes.contains("trial_1: last row left out"), "{notes}");
+    let kept = rows(&traces);
+    assert!(kept.len() < complete.len());
+    assert!(kept.iter().zip(&complete).all(|(one, other)| one.moment_z_n_m == other.moment_z_n_m));
+}
+
 #[test]
 fn robust_characteristic_that_the_calibration_does_not_determine() {
     let change = |text: String| text.replace("\"calibration\"", "\"trial\"");

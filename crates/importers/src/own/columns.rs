@@ -23,6 +23,7 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
     }
     let bytes = read_table(path)?;
     let (body, skipped) = after_lines(bytes.strip_prefix(MARK).unwrap_or(&bytes), mapping.skip_lines);
+    let (body, is_cut_off) = complete_lines(body);
     let mut rows = csv::ReaderBuilder::new()
         .delimiter(mapping.delimiter.map_or(b',', |delimiter| delimiter as u8))
         .has_headers(false)
@@ -67,7 +68,7 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
     }
     let clock = Rc::new(clock);
     let series = values.into_iter().map(|values| Series { clock: clock.clone(), values }).collect();
-    Ok(ReadColumns { series, sha256: sha256(&bytes), repeated, has_clock: time.is_some() })
+    Ok(ReadColumns { series, sha256: sha256(&bytes), repeated, is_cut_off, has_clock: time.is_some() })
 }
 
 /// The bytes after this number of lines, and the number of lines that there were.
@@ -79,6 +80,12 @@ fn after_lines(mut bytes: &[u8], lines: usize) -> (&[u8], u64) {
         skipped += 1;
     }
     (bytes, skipped as u64)
+}
+
+/// The lines with an end, and whether a last one without an end is left out. A single line may lack its end.
+fn complete_lines(bytes: &[u8]) -> (&[u8], bool) {
+    let end = bytes.iter().rposition(|byte| matches!(byte, b'\n' | b'\r')).map_or(bytes.len(), |end| end + 1);
+    (&bytes[..end], end < bytes.len())
 }
 
 fn table_error(path: &Path, line: u64, place: &str, found: String, expected: &str) -> Error {

@@ -26,12 +26,15 @@ use whisker::sensor::Face;
 use self::mapping::{ContactColumns, Mapping, Moving, Quantity, RecordingEntry};
 use self::sensor::{AtRest, Conversion, Touching, sustained};
 use self::series::{Grid, Series};
-use self::units::Unit;
+use self::units::{Reading, Unit};
 use crate::provenance::generator;
-use crate::{Imported, Progress};
+use crate::{Imported, MOST_COUNTS, Progress};
 
 /// Largest quantity of a trace other than a coordinate.
 const MOST: f64 = 1e6;
+
+/// Smallest departure of a single position (m) and yaw (rad) that is a glitch.
+const GLITCHES: (f64, f64) = (0.01, 0.1);
 
 /// Vertices of the outline of a pin.
 const VERTICES: usize = 96;
@@ -54,6 +57,8 @@ struct ReadColumns {
     sha256: String,
     /// Samples with the time of the sample before, which are left out.
     repeated: usize,
+    /// Whether the last row has no line end, and is left out.
+    is_cut_off: bool,
     has_clock: bool,
 }
 
@@ -118,6 +123,7 @@ struct Sampled<'a> {
     path: PathBuf,
     sha256: String,
     repeated: usize,
+    is_cut_off: bool,
     has_clock: bool,
     grid: Grid,
     base: Vec<Pose<Base, World>>,
@@ -134,8 +140,9 @@ impl<'a> Sampled<'a> {
         let mapping = laboratory.mapping;
         let path = entry.path(laboratory.path);
         let wanted = wanted(mapping, entry);
-        let ReadColumns { series, sha256, repeated, has_clock } = read(&path, mapping, &wanted)?;
+        let ReadColumns { series, sha256, repeated, is_cut_off, has_clock } = read(&path, mapping, &wanted)?;
         let columns = Columns { wanted: &wanted, series: &series };
+        columns.check(&path, mapping)?;
         let grid = Grid::new(&path, mapping, &columns.complete())?;
         let clock_s = &grid.clock_s;
         let pose = &mapping.pose;
@@ -161,6 +168,7 @@ impl<'a> Sampled<'a> {
             entry,
             sha256,
             repeated,
+            is_cut_off,
             has_clock,
             base,
             readings: known(reading.at(clock_s)).map(|reading| reading - at_rest.rest).collect(),
@@ -172,7 +180,7 @@ impl<'a> Sampled<'a> {
         })
     }
 
-    /// Remarks about the times.
+    /// Remarks about the rows.
     fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let name = self.entry.name();
@@ -181,6 +189,9 @@ impl<'a> Sampled<'a> {
         }
         if self.grid.gaps > 0 {
             notes.push(format!("{name}: {} gaps without rows", self.grid.gaps));
+        }
+        if self.is_cut_off {
+            notes.push(format!("{name}: last row left out, since it has no line end and may lack digits"));
         }
         if self.repeated > 0 {
             notes.push(format!("{name}: {} samples with the time of the one before left out", self.repeated));
@@ -318,6 +329,29 @@ impl Columns<'_> {
     fn series(&self, name: &str) -> &Series {
         let place = self.wanted.iter().position(|wanted| wanted.name == name);
         &self.series[place.expect("every column of the mapping is wanted")]
+    }
+
+    /// Checks the ranges of the columns, and that the pose has no glitches.
+    fn check(&self, path: &Path, mapping: &Mapping) -> Result<(), Error> {
+        let (pose, (glitch_m, glitch_rad)) = (&mapping.pose, GLITCHES);
+        for place in [&pose.x, &pose.y] {
+            if let Some(name) = &place.column {
+                let series = self.series(name).clone().scaled(place.factor());
+                series.check_range(path, name, FARTHEST_M, "m")?;
+                series.check_glitches(path, name, glitch_m, "m")?;
+            }
+        }
+        if let Some(name) = &pose.yaw.column {
+            let series = self.series(name).clone().scaled(pose.yaw.factor());
+            series.check_range(path, name, MOST, "rad")?;
+            series.unwrapped().check_glitches(path, name, glitch_rad, "rad")?;
+        }
+        let reading = &mapping.reading;
+        let readings = self.series(&reading.column);
+        match reading.unit {
+            Reading::Counts => readings.check_range(path, &reading.column, MOST_COUNTS, "counts"),
+            unit => readings.clone().scaled(unit.si()).check_range(path, &reading.column, MOST, "N m"),
+        }
     }
 
     /// The columns that must have a value at each instant.

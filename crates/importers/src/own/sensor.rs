@@ -38,6 +38,12 @@ impl AtRest {
         let stated = Self { rest: mapped.rest.unwrap_or_default(), noise_sd: mapped.noise_sd.unwrap_or_default() };
         let Some(rest_s) = mapped.rest_s else { return Ok(stated) };
         let times_s = &series.clock.times_s;
+        let duration_s = times_s.last().map_or(0.0, |last_s| last_s - times_s[0]);
+        if rest_s >= duration_s {
+            let found = format!("{rest_s} s for a recording of {duration_s:.3} s");
+            let expected = "the duration for which the whisker is free at first, less than that of the recording";
+            return Err(Error::value(path, "reading.rest_s", found, expected));
+        }
         let is_first = |time_s: &f64| time_s - times_s[0] <= rest_s;
         let count = times_s.iter().take_while(|time_s| is_first(time_s)).count();
         let mut readings: Vec<f64> = series.values[..count].iter().flatten().copied().collect();

@@ -18,6 +18,15 @@ const MOST_UPSAMPLING: f64 = 10.0;
 /// Largest number of rows for each sample of a recording.
 const MOST_ROWS_PER_SAMPLE: f64 = 20.0;
 
+/// Longest recording.
+const MOST_S: f64 = 1e10;
+
+/// Ratio of a glitch to the steps of its column elsewhere.
+const GLITCH: f64 = 10.0;
+
+/// Share, and least number, of the largest steps of a column that are taken to be those of glitches.
+const OF_GLITCHES: (usize, usize) = (100, 4);
+
 /// Times of samples and their places in the file.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Clock {
@@ -31,16 +40,18 @@ impl Clock {
     /// Appends a time, unless it equals the last one. Returns whether it was appended.
     ///
     /// # Errors
-    /// [`Error::Table`] if the time decreases.
+    /// [`Error::Table`] if the time decreases, or is too large.
     pub(crate) fn push(&mut self, path: &Path, place: u64, time_s: f64) -> Result<bool, Error> {
+        let wrong = |found, expected| {
+            let place_in_row = "time".into();
+            Err(Error::Table { path: path.into(), line: place, place: place_in_row, found, expected })
+        };
         match self.times_s.last() {
-            Some(last) if time_s < *last => Err(Error::Table {
-                path: path.into(),
-                line: place,
-                place: "time".into(),
-                found: format!("{time_s} s after {last} s"),
-                expected: "the order of time".into(),
-            }),
+            _ if time_s > MOST_S => {
+                let expected = format!("at most {MOST_S} s; compare the unit of the times");
+                wrong(format!("{time_s} s after the first row"), expected)
+            }
+            Some(last) if time_s < *last => wrong(format!("{time_s} s after {last} s"), "the order of time".into()),
             Some(last) if time_s == *last => Ok(false),
             _ => {
                 self.times_s.push(time_s);
@@ -75,6 +86,47 @@ impl Series {
             last = Some(*value);
         }
         self
+    }
+
+    /// Checks that the magnitude of each value is at most `most`.
+    ///
+    /// # Errors
+    /// [`Error::Table`] of the first other one.
+    pub(crate) fn check_range(&self, path: &Path, column: &str, most: f64, unit: &str) -> Result<(), Error> {
+        let is_larger = |value: &Option<f64>| value.is_some_and(|value| value.abs() > most);
+        let Some(place) = self.values.iter().position(is_larger) else { return Ok(()) };
+        let found = format!("{} {unit}", self.values[place].unwrap_or_default());
+        Err(self.wrong(path, column, place, found, format!("at most {most} {unit}; compare the units of the mapping")))
+    }
+
+    /// Checks that no value of a single sample departs from those before and after it by more than `least` and ten times the steps
+    /// of the series elsewhere.
+    ///
+    /// # Errors
+    /// [`Error::Table`] of the first one that does.
+    pub(crate) fn check_glitches(&self, path: &Path, column: &str, least: f64, unit: &str) -> Result<(), Error> {
+        let known: Vec<(usize, f64)> =
+            self.values.iter().enumerate().filter_map(|(place, value)| Some((place, (*value)?))).collect();
+        let mut steps: Vec<f64> = known.windows(2).map(|pair| (pair[1].1 - pair[0].1).abs()).collect();
+        let (part, fewest) = OF_GLITCHES;
+        let Some(usual) = steps.len().checked_sub(1 + fewest.max(steps.len() / part)) else { return Ok(()) };
+        let most = least.max(GLITCH * *steps.select_nth_unstable_by(usual, f64::total_cmp).1);
+        for window in known.windows(3) {
+            let (place, value) = window[1];
+            let (there, back) = (value - window[0].1, window[2].1 - value);
+            let size = there.abs().min(back.abs());
+            if there * back < 0.0 && size > most && (there + back).abs() < 0.5 * size {
+                let found = format!("{value} {unit} between {} and {} {unit}", window[0].1, window[2].1);
+                let expected = format!("single values within {most:.3} {unit} of their neighbours: remove the row");
+                return Err(self.wrong(path, column, place, found, expected));
+            }
+        }
+        Ok(())
+    }
+
+    fn wrong(&self, path: &Path, column: &str, place: usize, found: String, expected: String) -> Error {
+        let place_in_row = format!("column `{column}`");
+        Error::Table { path: path.into(), line: self.clock.places[place], place: place_in_row, found, expected }
     }
 
     /// Values at increasing times, interpolated linearly between known ones.
@@ -244,6 +296,29 @@ mod tests {
     }
 
     #[test]
+    fn robust_glitches_and_large_values_are_named_with_their_row() {
+        let path = Path::new("log.csv");
+        let of = |values: &[f64]| {
+            let clock = Clock { times_s: (0..20).map(f64::from).collect(), places: (2..22).collect() };
+            Series { clock: Rc::new(clock), values: values.iter().map(|value| Some(*value)).collect() }
+        };
+        let mut values: Vec<f64> = (0..20).map(|row| 0.01 * f64::from(row)).collect();
+        assert!(of(&values).check_glitches(path, "yaw", 0.1, "rad").is_ok());
+        // A lasting change is none.
+        let stepped: Vec<f64> = values.iter().map(|value| if *value > 0.1 { value + 3.0 } else { *value }).collect();
+        assert!(of(&stepped).check_glitches(path, "yaw", 0.1, "rad").is_ok());
+        values[7] += 3.0;
+        let error = of(&values).check_glitches(path, "yaw", 0.1, "rad").unwrap_err().to_string();
+        assert!(error.starts_with("log.csv:9: column `yaw`: found 3.07 rad between 0.06 and 0.08 rad, expected single values within 0.100 rad"), "{error}");
+        values[3] = 1e30;
+        let error = of(&values).check_range(path, "yaw", 1e6, "rad").unwrap_err().to_string();
+        assert!(
+            error.starts_with("log.csv:5: column `yaw`: found 1000000000000000000000000000000 rad, expected at most"),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn robust_times_out_of_order_and_repeated() {
         let mut clock = Clock::default();
         let path = Path::new("log.csv");
@@ -251,5 +326,10 @@ mod tests {
         assert!(!clock.push(path, 3, 0.5).unwrap());
         let error = clock.push(path, 4, 0.4).unwrap_err().to_string();
         assert_eq!(error, "log.csv:4: time: found 0.4 s after 0.5 s, expected the order of time");
+        let error = clock.push(path, 5, 1e11).unwrap_err().to_string();
+        assert!(
+            error.starts_with("log.csv:5: time: found 100000000000 s after the first row, expected at most"),
+            "{error}"
+        );
     }
 }

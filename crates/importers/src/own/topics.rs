@@ -2,7 +2,8 @@
 //!
 //! A field is named as in PlotJuggler: the topic, then the path to the number, separated by slashes, for example
 //! `/wrench/wrench/torque/z`. An element of a list is chosen by its index, `position[0]`, or by its name,
-//! `position[elbow]` for joints and `transforms[tool]` for frames. The yaw of a quaternion is its field `yaw`.
+//! `position[elbow]` for joints and `transforms[tool]` for frames. The yaw of a quaternion is its field `yaw`. If the names of several
+//! topics begin a column, as `/arm` and `/arm/wrist` do, it belongs to the longest.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -35,16 +36,13 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
     let reader = Reader::open(path).map_err(converted)?;
     let column = |wanted| Column { wanted, clock: Clock::default(), values: Vec::new(), has_topic: false };
     let mut columns: Vec<Column<'_>> = wanted.iter().map(column).collect();
-    let mut topics: Vec<String> = Vec::new();
+    let topics = topics_of(&reader)?;
     let (mut digest, mut first_ns, mut repeated) = (Digest::default(), None, 0);
     for record in reader.records() {
         let record = record.map_err(converted)?;
-        if !topics.contains(&record.topic) {
-            topics.push(record.topic.clone());
-        }
         let mut message = None;
         for column in &mut columns {
-            let Some(field) = field_of(column.wanted.name, &record.topic) else { continue };
+            let Some(field) = field_of(column.wanted.name, &record.topic, &topics) else { continue };
             column.has_topic = true;
             if message.is_none() {
                 digest.add(&record.topic).add(record.time_ns.to_le_bytes()).add(&record.data);
@@ -70,7 +68,7 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
             return Err(Error::value(path, "topics", found, format!("the field `{}`", column.wanted.name)));
         }
     }
-    Ok(ReadColumns { series: shared(columns), sha256: digest.finish(), repeated, has_clock: true })
+    Ok(ReadColumns { series: shared(columns), sha256: digest.finish(), repeated, is_cut_off: false, has_clock: true })
 }
 
 /// The series; those of one topic share their clock.
@@ -86,9 +84,24 @@ fn shared(columns: Vec<Column<'_>>) -> Vec<Series> {
     series
 }
 
-/// Path of a field within the messages of a topic. `None` if the field belongs to another topic.
-fn field_of<'a>(name: &'a str, topic: &str) -> Option<&'a str> {
-    name.strip_prefix(topic)?.strip_prefix('/')
+/// Topics with messages, in order of their first one.
+fn topics_of(reader: &Reader) -> Result<Vec<String>, Error> {
+    let mut topics: Vec<String> = Vec::new();
+    for record in reader.records() {
+        let topic = record.map_err(converted)?.topic;
+        if !topics.contains(&topic) {
+            topics.push(topic);
+        }
+    }
+    Ok(topics)
+}
+
+/// Path of a field within the messages of a topic. `None` if the field belongs to another one of the topics.
+fn field_of<'a>(name: &'a str, topic: &str, topics: &[String]) -> Option<&'a str> {
+    let within = |topic: &str| name.strip_prefix(topic)?.strip_prefix('/');
+    let field = within(topic)?;
+    let is_shortest = topics.iter().filter_map(|other| within(other)).all(|other| other.len() >= field.len());
+    is_shortest.then_some(field)
 }
 
 fn converted(error: bag::Error) -> Error {
@@ -111,7 +124,7 @@ fn decoded(record: &Record) -> Result<Value, Error> {
 /// the number is not known.
 fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) -> Result<Option<Option<f64>>, Error> {
     let mut at = message.clone();
-    for part in field.split('/') {
+    for part in parts(field) {
         let (name, element) = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
             Some((name, element)) => (name, Some(element)),
             None => (part, None),
@@ -134,6 +147,15 @@ fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) 
         _ if wanted.may_be_empty && at.is_null() => Ok(Some(None)),
         _ => Err(converted(record.wrong(at, format!("a finite number in `{field}`")))),
     }
+}
+
+/// Parts of the path of a field. Names of elements may contain slashes, as those of frames often do.
+fn parts(field: &str) -> impl Iterator<Item = &str> {
+    let mut is_element = false;
+    field.split(move |next| {
+        is_element = next == '[' || (is_element && next != ']');
+        next == '/' && !is_element
+    })
 }
 
 /// Member of an object; `yaw` also of a quaternion.
@@ -183,7 +205,12 @@ mod tests {
         let half = 0.5_f64;
         let turned = serde_json::json!({"x": 0.0, "y": 0.0, "z": half.sin(), "w": half.cos()});
         assert!((member(&turned, "yaw").unwrap().as_f64().unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(field_of("/wrench/torque/z", "/wrench"), Some("torque/z"));
-        assert_eq!(field_of("/wrench_2/torque/z", "/wrench"), None);
+        let found: Vec<_> = parts("transforms[arm/tool]/transform/translation/x").collect();
+        assert_eq!(found, ["transforms[arm/tool]", "transform", "translation", "x"]);
+        let topics = ["/wrench".to_owned(), "/wrench/left".to_owned()];
+        assert_eq!(field_of("/wrench/torque/z", "/wrench", &topics), Some("torque/z"));
+        assert_eq!(field_of("/wrench_2/torque/z", "/wrench", &topics), None);
+        assert_eq!(field_of("/wrench/left/torque/z", "/wrench/left", &topics), Some("torque/z"));
+        assert_eq!(field_of("/wrench/left/torque/z", "/wrench", &topics), None);
     }
 }
