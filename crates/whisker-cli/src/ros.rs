@@ -7,7 +7,7 @@
 mod array;
 mod space;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs;
 use std::io;
@@ -21,6 +21,7 @@ use bag::messages::{
 };
 use bag::{Attachment, Message, Publisher, Reader, Record, Writer, topics};
 use files::{sha256, sha256_of_file, write_atomically, write_json};
+use nalgebra as na;
 use platform::record::LogSidecar;
 use platform::streams::SIDECAR;
 use serde::Serialize;
@@ -58,8 +59,17 @@ const ROTATION: &str = "root_rotation";
 /// recording has its name.
 pub fn export_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = Trace::read(path)?;
-    let times_s = trace.recording.instants.iter().map(|known| known.t_s);
-    let of_time = estimates_by_time(path, times_s, estimates, "a planar trace", |row: &EstimateRow| row.t_s)?;
+    let marks = trace.recording.instants.iter().zip(&trace.truth.instants).map(|(known, truth)| Mark {
+        t_s: known.t_s,
+        base_m: known.base.origin().vector().push(0.0),
+        contact_m: truth.contact.map(|contact| contact.vector().push(0.0)),
+    });
+    let mark = |row: &EstimateRow| Mark {
+        t_s: row.t_s,
+        base_m: na::Vector3::new(row.base_x_m, row.base_y_m, 0.0),
+        contact_m: row.truth_contact_x_m.zip(row.truth_contact_y_m).map(|(x, y)| na::Vector3::new(x, y, 0.0)),
+    };
+    let of_time = estimates_by_time(path, marks, estimates, "a planar trace", mark)?;
     let sidecar = read(&path.with_extension("json"))?;
     let outline = match &trace.sidecar.contour {
         Some(contour) => Some((&contour.file, read(&path.with_file_name(&contour.file))?)),
@@ -324,21 +334,53 @@ fn check_name(path: &Path, attachment: &Attachment, name: &str) -> anyhow::Resul
     Ok(())
 }
 
-/// Estimates of a trace by time (ns), from a table whose times must be among those of the trace; empty without one.
+/// Contents of an instant by which a trace and its estimates agree.
+struct Mark {
+    /// Time (s).
+    t_s: f64,
+    /// Position of the base (m), 3x1.
+    base_m: na::Vector3<f64>,
+    /// True contact (m), 3x1, if it is known.
+    contact_m: Option<na::Vector3<f64>>,
+}
+
+/// Largest distance between the same points of a trace and of its estimates (m).
+const SAME_M: f64 = 1e-9;
+
+/// Estimates of a trace by time (ns), from a table whose instants must be among those of the trace; empty without one.
+///
+/// Their true contacts must be those of the trace. If the trace states none, the positions of the base must be the same;
+/// otherwise they may have the noise of joint encoders.
 fn estimates_by_time<One: Default + Serialize + DeserializeOwned>(
     path: &Path,
-    times_s: impl Iterator<Item = f64>,
+    marks: impl Iterator<Item = Mark>,
     table: Option<&Path>,
     kind: &str,
-    t_s: impl Fn(&One) -> f64,
+    mark: impl Fn(&One) -> Mark,
 ) -> anyhow::Result<BTreeMap<u64, One>> {
     let mut of_time = BTreeMap::new();
-    for estimate in table.map(|table| estimates_of(table, kind)).transpose()?.unwrap_or_default() {
-        of_time.insert(time_ns(t_s(&estimate), path)?, estimate);
-    }
-    let known: BTreeSet<u64> = times_s.map(|t_s| time_ns(t_s, path)).collect::<anyhow::Result<_>>()?;
-    if let Some(time_ns) = of_time.keys().find(|time_ns| !known.contains(time_ns)) {
-        bail!("{}: t_s: the estimates have {} s, expected times of the trace alone", path.display(), seconds(*time_ns));
+    let Some(table) = table else { return Ok(of_time) };
+    let known: BTreeMap<u64, Mark> =
+        marks.map(|mark| Ok((time_ns(mark.t_s, path)?, mark))).collect::<anyhow::Result<_>>()?;
+    let has_truth = known.values().any(|mark| mark.contact_m.is_some());
+    for estimate in estimates_of(table, kind)? {
+        let found = mark(&estimate);
+        let time_ns = time_ns(found.t_s, table)?;
+        let (place, t_s) = (table.display(), found.t_s);
+        let Some(expected) = known.get(&time_ns) else {
+            bail!("{place}: t_s: the estimates have {t_s} s, expected times of {} alone", path.display());
+        };
+        let is_same = match (found.contact_m, expected.contact_m) {
+            (Some(found_m), Some(expected_m)) => (found_m - expected_m).norm() <= SAME_M,
+            (None, None) => has_truth || (found.base_m - expected.base_m).norm() <= SAME_M,
+            _ => false,
+        };
+        let what = if has_truth { "true contact" } else { "position of the base" };
+        ensure!(is_same, "{place}: {t_s} s: found another {what}, expected that of {}", path.display());
+        ensure!(
+            of_time.insert(time_ns, estimate).is_none(),
+            "{place}: t_s: found {t_s} s twice, expected each time once"
+        );
     }
     Ok(of_time)
 }

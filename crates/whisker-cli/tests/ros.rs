@@ -8,7 +8,7 @@ use bag::{Publisher, Reader, Writer, topics};
 use serde_json::{Value, json};
 use testbed::results::{EstimateRow, csv_bytes};
 use testbed::space::SpatialEstimateRow;
-use trace::SpatialTrace;
+use trace::{SpatialTrace, Trace};
 use whisker_cli::ros::{Export, export_spatial_trace, export_trace, import};
 
 fn golden() -> &'static Path {
@@ -85,6 +85,9 @@ fn verif_estimates_in_space_are_contacts_in_the_frame_of_the_whisker() {
         cov_yy_m2: Some(turned.y * turned.y),
         cov_yz_m2: Some(turned.y * turned.z),
         cov_zz_m2: Some(turned.z * turned.z),
+        truth_contact_x_m: Some(truth.contact.x),
+        truth_contact_y_m: Some(truth.contact.y),
+        truth_contact_z_m: Some(truth.contact.z),
         ..SpatialEstimateRow::default()
     };
     let table = home.path().join("estimates.csv");
@@ -110,11 +113,17 @@ fn verif_estimates_in_space_are_contacts_in_the_frame_of_the_whisker() {
     assert!((pose.covariance[0][0] - 1.0).abs() < 1e-9 && pose.covariance[1][1].abs() < 1e-9);
     assert_eq!(import(&folder, false, &home.path().join("back")).unwrap().len(), 2);
 
-    let other = SpatialEstimateRow { t_s: 12345.0, ..estimate };
-    fs::write(&table, csv_bytes(&[other]).unwrap()).unwrap();
+    let refused = |rows: &[SpatialEstimateRow]| {
+        fs::write(&table, csv_bytes(rows).unwrap()).unwrap();
+        export_spatial_trace(&golden_space(), Some(&table), &home.path().join("other")).unwrap_err().to_string()
+    };
+    let message = refused(&[SpatialEstimateRow { t_s: 12345.0, ..estimate.clone() }]);
+    assert!(message.contains("the estimates have 12345 s, expected times of "), "{message}");
     let message =
-        export_spatial_trace(&golden_space(), Some(&table), &home.path().join("other")).unwrap_err().to_string();
-    assert!(message.contains("the estimates have 12345 s, expected times of the trace alone"), "{message}");
+        refused(&[SpatialEstimateRow { truth_contact_y_m: Some(truth.contact.y + 1e-3), ..estimate.clone() }]);
+    assert!(message.contains("found another true contact, expected that of "), "{message}");
+    let message = refused(&[estimate.clone(), estimate]);
+    assert!(message.contains(" s twice, expected each time once"), "{message}");
 }
 
 #[test]
@@ -193,7 +202,24 @@ fn robust_estimates_of_another_trace_leave_no_recording_behind() {
     let found = "contact_x_m,contact_y_m,surface_x_m,surface_y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,calibrated,at_tip,radius_m,radius_sd_m,friction,friction_sd,models,model_doubtful,second_contact,truth_contact_x_m,truth_contact_y_m,truth_surface_x_m,truth_surface_y_m";
     fs::write(&estimates, format!("{known},{found}\n12345,0,0,0,0{}\n", ",".repeat(20))).unwrap();
     let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
-    assert!(message.contains("the estimates have 12345 s, expected times of the trace alone"), "{message}");
+    assert!(message.contains("the estimates have 12345 s, expected times of "), "{message}");
+    // A trace with other contacts at the same times.
+    let circle = Trace::read(&golden().join("golden_circle.csv")).unwrap();
+    let rows: Vec<EstimateRow> = circle
+        .recording
+        .instants
+        .iter()
+        .zip(&circle.truth.instants)
+        .map(|(known, truth)| EstimateRow {
+            t_s: known.t_s,
+            truth_contact_x_m: truth.contact.map(|contact| contact.x()),
+            truth_contact_y_m: truth.contact.map(|contact| contact.y()),
+            ..EstimateRow::default()
+        })
+        .collect();
+    fs::write(&estimates, csv_bytes(&rows).unwrap()).unwrap();
+    let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
+    assert!(message.contains("found another true contact, expected that of "), "{message}");
     assert_eq!(tree(home.path()), [estimates]);
 }
 

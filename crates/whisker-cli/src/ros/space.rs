@@ -18,8 +18,8 @@ use trace::{
 };
 
 use super::{
-    ARC, CONTACT, Export, Row, SPLIT, SURFACE, Staging, TIP, TOUCHING, check_name, estimates_by_time, parsed, read,
-    restore, rows_of, time_ns,
+    ARC, CONTACT, Export, Mark, Row, SPLIT, SURFACE, Staging, TIP, TOUCHING, check_name, estimates_by_time, parsed,
+    read, restore, rows_of, time_ns,
 };
 
 const NORMAL: &str = "/truth/normal";
@@ -44,8 +44,13 @@ const FEATURES: [(&str, Feature); 3] = [("face", Feature::Face), ("edge", Featur
 /// recording has its name.
 pub fn export_spatial_trace(path: &Path, estimates: Option<&Path>, folder: &Path) -> anyhow::Result<Export> {
     let trace = SpatialTrace::read(path)?;
-    let times_s = trace.recording.instants.iter().map(|known| known.t_s);
-    let of_time = estimates_by_time(path, times_s, estimates, "a trace in space", |row: &SpatialEstimateRow| row.t_s)?;
+    let marks = trace.recording.instants.iter().zip(&trace.truth.instants).map(|(known, truth)| Mark {
+        t_s: known.t_s,
+        base_m: known.base.position,
+        contact_m: truth.contact.map(|of| of.contact),
+    });
+    let mark = |row: &SpatialEstimateRow| Mark { t_s: row.t_s, base_m: row.base_m(), contact_m: row.truth_contact_m() };
+    let of_time = estimates_by_time(path, marks, estimates, "a trace in space", mark)?;
     let sidecar = read(&path.with_extension("json"))?;
     let staging = Staging::new(folder)?;
     let mut writer = Writer::create(&staging.recording)?;
