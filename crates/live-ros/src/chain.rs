@@ -7,7 +7,7 @@ use whisker::frames::{Base, Pose, World};
 use crate::arm::Arm;
 use crate::frames::{FrameTransform, Frames};
 
-/// Plane of the estimators: that through the first pose of a base, parallel to the x and y axes of the fixed frame turned by
+/// Plane of the estimators: that through the first used pose of a base, parallel to the x and y axes of the fixed frame turned by
 /// `rotation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -46,16 +46,19 @@ pub(crate) enum Part {
 pub struct Chain {
     source: Source,
     plane: Plane,
-    /// Height of the first used pose above the origin of the fixed frame, along the normal of the plane.
+    /// Height of the first used pose of a clock above the origin of the fixed frame, along the normal of the plane.
     height_m: Option<f64>,
+    /// Whether this is the height of the present clock, not of the one before a jump.
+    is_current: bool,
 }
 
 impl Chain {
     pub(crate) fn new(source: Source, plane: Plane) -> Self {
-        Self { source, plane, height_m: None }
+        Self { source, plane, height_m: None, is_current: false }
     }
 
-    /// Height of the plane above the origin of the fixed frame, along its normal. `None` before the first used pose.
+    /// Height of the plane above the origin of the fixed frame, along its normal: that of the first used pose. After a jump of a
+    /// clock, it is kept until the next used pose. `None` before the first one.
     pub fn height_m(&self) -> Option<f64> {
         self.height_m
     }
@@ -128,7 +131,8 @@ impl Motion for Chain {
             Sampled::Unknown => return Place::Unknown,
         };
         let (up, ahead) = (pose.rotation * Vector3::z(), pose.rotation * Vector3::x());
-        let above_m = self.height_m.map_or(0.0, |height_m| pose.translation.z - height_m);
+        let height_m = self.height_m.filter(|_| self.is_current);
+        let above_m = height_m.map_or(0.0, |height_m| pose.translation.z - height_m);
         let deviation = Deviation { tilt_rad: up.x.hypot(up.y).atan2(up.z), height_m: above_m };
         if deviation.tilt_rad > self.plane.tilt_rad || above_m.abs() > self.plane.height_m {
             return Place::OffPlane(deviation);
@@ -143,12 +147,13 @@ impl Motion for Chain {
         }
     }
 
-    /// The first pose in the plane determines its height.
-    fn settle(&mut self, t_s: f64) {
-        if self.height_m.is_none()
-            && let (Place::At(_), Sampled::At(pose)) = (self.at(t_s, f64::INFINITY), self.in_plane(t_s, f64::INFINITY))
+    /// The first used pose determines the height of the plane.
+    fn settle(&mut self, t_s: f64, is_used: bool) {
+        if is_used
+            && !self.is_current
+            && let Sampled::At(pose) = self.in_plane(t_s, f64::INFINITY)
         {
-            self.height_m = Some(pose.translation.z);
+            (self.height_m, self.is_current) = (Some(pose.translation.z), true);
         }
         match &mut self.source {
             Source::Frames(frames) => frames.settle(t_s),
@@ -157,6 +162,7 @@ impl Motion for Chain {
     }
 
     fn restart(&mut self) {
+        self.is_current = false;
         match &mut self.source {
             Source::Frames(frames) => frames.restart(),
             Source::Arm(arm) => arm.restart(),

@@ -5,11 +5,12 @@
 //!     -> cross-talk compensation -> characteristic -> reading
 //! ```
 //!
-//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated.
+//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. If the clock of a
+//! sensor is set back, the conversion begins anew with the zeroing.
 
 use std::collections::VecDeque;
 
-use live::{Sampled, Samples, Timing};
+use live::{Clock, Order, Sampled, Samples, Timing};
 use trace::{CrossTalk, SensorFile};
 
 /// Largest number of counts that wait for those of the other sensors.
@@ -56,6 +57,11 @@ impl Sensor {
         continued
     }
 
+    /// Drops all counts and the zero.
+    fn restart(&mut self) {
+        *self = Self::new(self.file.clone(), self.axis, self.modulo);
+    }
+
     /// Counts without the common mode.
     fn compensated(&self, counts: f64, reference: [f64; 2]) -> f64 {
         counts - self.file.common_mode[0] * reference[0] - self.file.common_mode[1] * reference[1]
@@ -79,13 +85,18 @@ pub(crate) struct Counts {
     reference: Option<Samples<[f64; 2]>>,
     neighbours: Vec<(CrossTalk, Sensor)>,
     zeroing_s: f64,
-    /// Time of the first counts.
+    /// Times of the first and of the latest converted counts.
     first_s: Option<f64>,
+    latest_s: Option<f64>,
     timing: Timing,
-    /// Time, counts and arrival.
+    /// Smallest time by which a clock is set back.
+    jump_s: f64,
+    /// Time, counts and arrival, in order of time.
     waiting: VecDeque<(f64, f64, f64)>,
     /// Number of counts left out, since those of another sensor are missing.
     pub(crate) incomplete: u64,
+    /// Number of counts left out, since they arrived after later ones had been converted.
+    pub(crate) late: u64,
 }
 
 impl Counts {
@@ -95,9 +106,31 @@ impl Counts {
         neighbours: Vec<(CrossTalk, Sensor)>,
         zeroing_s: f64,
         timing: Timing,
+        rate_hz: f64,
     ) -> Self {
         let reference = has_reference.then(Samples::default);
-        Self { own, reference, neighbours, zeroing_s, first_s: None, timing, waiting: VecDeque::new(), incomplete: 0 }
+        let (first_s, latest_s, waiting, incomplete, late) = (None, None, VecDeque::new(), 0, 0);
+        let jump_s = timing.smallest_jump_s(rate_hz);
+        Self { own, reference, neighbours, zeroing_s, first_s, latest_s, timing, jump_s, waiting, incomplete, late }
+    }
+
+    /// Begins anew after a clock was set back. Counts that wait are left out.
+    fn restart(&mut self) {
+        self.own.restart();
+        self.reference.iter_mut().for_each(Samples::clear);
+        self.neighbours.iter_mut().for_each(|(_, sensor)| sensor.restart());
+        (self.first_s, self.latest_s) = (None, None);
+        self.incomplete += self.waiting.len() as u64;
+        self.waiting.clear();
+    }
+
+    /// Clock of a stream. `None` if the conversion does not require it.
+    fn clock(&mut self, stream: Stream) -> Option<&mut Clock> {
+        match stream {
+            Stream::Own => Some(&mut self.own.samples.clock),
+            Stream::Reference => self.reference.as_mut().map(|samples| &mut samples.clock),
+            Stream::Neighbour(index) => self.neighbours.get_mut(index).map(|(_, sensor)| &mut sensor.samples.clock),
+        }
     }
 
     /// Takes counts that arrive at `now_s`. Counts that are not finite are left out.
@@ -106,10 +139,18 @@ impl Counts {
             self.incomplete += 1;
             return;
         }
+        let jump_s = self.jump_s;
+        let Some(clock) = self.clock(stream) else { return };
+        if let Order::Jumped(jump) = clock.check(t_s, now_s, jump_s)
+            && jump.to_s < jump.from_s
+        {
+            self.restart();
+        }
         match stream {
             Stream::Own => {
                 let counts = self.own.unwrapped(counts);
-                self.waiting.push_back((t_s, counts, now_s));
+                let place = self.waiting.partition_point(|(of_waiting_s, ..)| *of_waiting_s <= t_s);
+                self.waiting.insert(place, (t_s, counts, now_s));
             }
             Stream::Reference => {
                 self.reference.iter_mut().for_each(|samples| {
@@ -136,9 +177,11 @@ impl Counts {
             }
             self.waiting.pop_front();
             let Sampled::At((reference, neighbours)) = others else {
-                self.incomplete += 1;
+                let is_late = self.latest_s.is_some_and(|latest_s| t_s < latest_s);
+                *(if is_late { &mut self.late } else { &mut self.incomplete }) += 1;
                 continue;
             };
+            self.latest_s = Some(self.latest_s.map_or(t_s, |latest_s| latest_s.max(t_s)));
             if let Some(reading_n_m) = self.reading_n_m(t_s, counts, reference, &neighbours) {
                 return Some((t_s, reading_n_m, at_s));
             }
@@ -175,13 +218,15 @@ impl Counts {
 
     /// Reading from complete counts. `None` during the zeroing.
     fn reading_n_m(&mut self, t_s: f64, counts: f64, reference: [f64; 2], neighbours: &[f64]) -> Option<f64> {
-        self.reference.iter_mut().for_each(|samples| samples.settle(t_s));
+        // Earlier counts may arrive during this time.
+        let required_s = t_s - self.timing.reorder_s;
+        self.reference.iter_mut().for_each(|samples| samples.settle(required_s));
         let compensated = self.own.compensated(counts, reference);
         let is_last = t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s;
         let mut talk = 0.0;
         let zero = self.own.zero;
         for ((cross_talk, sensor), counts) in self.neighbours.iter_mut().zip(neighbours) {
-            sensor.samples.settle(t_s);
+            sensor.samples.settle(required_s);
             let compensated = sensor.compensated(*counts, reference);
             match sensor.zero {
                 None => sensor.rest(compensated, is_last),

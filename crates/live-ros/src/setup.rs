@@ -142,7 +142,8 @@ impl Common<'_> {
             neighbours.push((talk.clone(), Sensor::new(of_other, other.axis as usize, other.modulo)));
         }
         let own = Sensor::new(own, entry.axis as usize, entry.modulo);
-        Ok(Counts::new(own, has_reference, neighbours, entry.zeroing_s, self.mapping.timing))
+        let rate_hz = self.mapping.whiskers[index].rate_hz;
+        Ok(Counts::new(own, has_reference, neighbours, entry.zeroing_s, self.mapping.timing, rate_hz))
     }
 }
 

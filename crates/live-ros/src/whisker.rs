@@ -174,7 +174,7 @@ impl Whisker {
         Ok(())
     }
 
-    /// Height of its plane above the origin of the fixed frame, along the normal. `None` before the first used pose.
+    /// Height of its plane above the origin of the fixed frame, along the normal; see [`Chain::height_m`].
     pub fn height_m(&self) -> Option<f64> {
         self.estimator.motion().height_m()
     }
@@ -329,7 +329,10 @@ impl Whisker {
             ("latency_worst_ms", shown(1e3 * latency.worst_s)),
         ];
         values.extend(counters.named().map(|(name, count)| (name, count.to_string())));
-        values.extend(self.counts.as_ref().map(|counts| ("counts_incomplete", counts.incomplete.to_string())));
+        if let Some(counts) = &self.counts {
+            values.push(("counts_incomplete", counts.incomplete.to_string()));
+            values.push(("counts_late", counts.late.to_string()));
+        }
         let values = values.into_iter().map(|(key, value)| KeyValue { key: key.into(), value }).collect();
         DiagnosticStatus {
             level,

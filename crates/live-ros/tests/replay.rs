@@ -285,10 +285,8 @@ fn robust_transforms_that_stop_or_jump_stop_the_contacts() {
     assert_eq!(setup.whiskers[0].diagnose(last_s, Latency::default()).level.0, 2);
 }
 
-/// Counts of a sensor with offset, common mode and a counter that wraps, made from the moments of the trace.
-#[test]
-fn verif_counts_give_the_contacts_of_their_moments() {
-    let bench = Bench::new("golden_pin");
+/// Mapping and messages of a sensor with offset, common mode and a counter that wraps, made from the moments of the trace.
+fn with_counts(bench: &Bench) -> (PathBuf, Vec<(f64, String, AnyMessage)>) {
     let mut calibration: Value = serde_json::from_slice(&fs::read(&bench.calibration).expect("read")).expect("JSON");
     let gain = 2.0e6;
     calibration["front_end"] = json!({"name": "hall", "config": {}, "sensors": [{
@@ -303,7 +301,7 @@ fn verif_counts_give_the_contacts_of_their_moments() {
         magnetic_field: Vector3 { x, y, z: 0.0 },
         magnetic_field_covariance: [0.0; 9],
     };
-    let (mut messages, mut shifted) = (Vec::new(), Vec::new());
+    let mut messages = Vec::new();
     // A second of rest for the zeroing, before the trace.
     let rest_s = 1.0;
     let at_rest = (0..=250).map(|row| (0.004 * f64::from(row), 0.0, None));
@@ -321,7 +319,6 @@ fn verif_counts_give_the_contacts_of_their_moments() {
             let header = Header { stamp: Time::from_nanoseconds(time_ns), frame_id: "world".into() };
             let frame = TransformStamped { header, child_frame_id: "whisker_base_link".into(), transform };
             messages.push((t_s, "/tf".to_owned(), AnyMessage::TfMessage(TfMessage { transforms: vec![frame] })));
-            shifted.push(moment_n_m);
         }
     }
     let mapping = bench.mapping("ekf", |mapping| {
@@ -332,13 +329,87 @@ fn verif_counts_give_the_contacts_of_their_moments() {
             "topic": "/counts", "message": "MagneticField", "reference": "/reference", "sensor": "a.s", "modulo": 65536,
         }));
     });
-    let taken = play(&mut read(&mapping), &messages);
-    let replayed = bench.replayed("ekf");
-    assert_eq!(taken.contacts.len(), replayed.len());
-    for (contact, (_, expected, _)) in taken.contacts.iter().zip(&replayed) {
+    (mapping, messages)
+}
+
+/// Asserts that published contacts are those of the replay but for the rounding of the counts.
+fn assert_same(contacts: &[live_ros::Contact], replayed: &[(f64, Point<World>, Estimate)]) {
+    assert_eq!(contacts.len(), replayed.len());
+    for (contact, (_, expected, _)) in contacts.iter().zip(replayed) {
         let at = &contact.message.pose.pose.position;
-        assert!((at.x - expected.x()).hypot(at.y - expected.y()) < 1e-8, "rounding of the counts");
+        assert!((at.x - expected.x()).hypot(at.y - expected.y()) < 1e-8, "{at:?}");
     }
+}
+
+#[test]
+fn verif_counts_give_the_contacts_of_their_moments() {
+    let bench = Bench::new("golden_pin");
+    let (mapping, messages) = with_counts(&bench);
+    assert_same(&play(&mut read(&mapping), &messages).contacts, &bench.replayed("ekf"));
+}
+
+#[test]
+fn robust_counts_that_overtake_each_other_are_taken_in_order() {
+    let bench = Bench::new("golden_pin");
+    let (mapping, mut messages) = with_counts(&bench);
+    // Counts arrive after their successors, before those of the reference for both.
+    let counts: Vec<usize> = (0..messages.len()).filter(|&i| messages[i].1 == "/counts").collect();
+    for pair in counts.chunks_exact(2).skip(200).step_by(3) {
+        let (first, second) = (messages[pair[0]].clone(), messages[pair[1]].clone());
+        (messages[pair[0]], messages[pair[1]]) = (second, first);
+        (messages[pair[0]].0, messages[pair[1]].0) = (messages[pair[1]].0, messages[pair[0]].0);
+    }
+    let played = |reorder_s: f64| {
+        let mut changed: Value = serde_json::from_slice(&fs::read(&mapping).expect("read")).expect("JSON");
+        changed["timing"] = json!({"reorder_s": reorder_s});
+        fs::write(&mapping, changed.to_string()).expect("written");
+        let mut setup = read(&mapping);
+        let taken = play(&mut setup, &messages);
+        let diagnosed = setup.whiskers[0].diagnose(0.0, Latency::default());
+        let value = |key: &str| diagnosed.values.iter().find(|of| of.key == key).expect("a value").value.clone();
+        (taken.contacts, [value("counts_incomplete"), value("counts_late")])
+    };
+    let replayed = bench.replayed("ekf");
+    let (contacts, left_out) = played(0.02);
+    assert_same(&contacts, &replayed);
+    assert_eq!(left_out, ["0", "0"]);
+    // Without a wait they are late.
+    let (contacts, [incomplete, late]) = played(0.0);
+    assert!(contacts.len() < replayed.len());
+    assert_eq!(incomplete, "0");
+    assert!(late.parse::<u64>().expect("a number") > 20, "{late}");
+}
+
+#[test]
+fn robust_counts_begin_anew_when_their_clock_is_set_back() {
+    let bench = Bench::new("golden_pin");
+    let (mapping, mut messages) = with_counts(&bench);
+    // The recording is played twice; the second time with another offset of the sensor and in another plane.
+    let length_s = messages.last().expect("messages").0;
+    let again: Vec<_> = messages
+        .iter()
+        .cloned()
+        .map(|(at_s, topic, mut message)| {
+            match &mut message {
+                AnyMessage::MagneticField(field) if topic == "/counts" => {
+                    field.magnetic_field.y = (field.magnetic_field.y + 500.0).rem_euclid(65536.0);
+                }
+                AnyMessage::TfMessage(frames) => frames.transforms[0].transform.translation.z += 0.5,
+                _ => {}
+            }
+            (length_s + 1.0 + at_s, topic, message)
+        })
+        .collect();
+    messages.extend(again);
+    let mut setup = read(&mapping);
+    let taken = play(&mut setup, &messages);
+    let replayed = bench.replayed("ekf");
+    let (first, second) = taken.contacts.split_at(replayed.len());
+    assert_same(first, &replayed);
+    assert_same(second, &replayed);
+    assert!(first.iter().all(|contact| contact.message.pose.pose.position.z == 0.0));
+    assert!(second.iter().all(|contact| contact.message.pose.pose.position.z == 0.5));
+    assert_eq!(taken.events.len(), 1, "{:?}", taken.events);
 }
 
 /// Positions of the bases by `whisker_sim.arm.panda.tool_pose` (NumPy) for the same joint angles; see the comment.

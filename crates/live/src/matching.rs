@@ -13,9 +13,6 @@ const MOST_WAITING: usize = 1 << 14;
 /// Number of settled readings whose times are kept, to tell repeated readings from late ones.
 const RECENT: usize = 256;
 
-/// Number of nominal intervals between readings by which a clock may differ at least.
-const INTERVALS: f64 = 3.0;
-
 /// Share of a nominal interval by which readings may follow each other later without one being missing.
 const UNEVEN: f64 = 0.5;
 
@@ -137,7 +134,7 @@ impl<M: Motion, R: Copy> Matching<M, R> {
             Place::Pending => Place::Unknown,
             place => place,
         };
-        self.settle(&next, counters);
+        self.settle(&next, matches!(place, Place::At(_)), counters);
         Some((next, place))
     }
 
@@ -172,10 +169,10 @@ impl<M: Motion, R: Copy> Matching<M, R> {
 
     /// Largest difference of two clocks.
     fn jump_s(&self) -> f64 {
-        self.timing.jump_s.max(INTERVALS / self.rate_hz)
+        self.timing.smallest_jump_s(self.rate_hz)
     }
 
-    fn settle(&mut self, next: &Arrived<R>, counters: &mut Counters) {
+    fn settle(&mut self, next: &Arrived<R>, is_used: bool, counters: &mut Counters) {
         if let Some(last_s) = self.recent.back() {
             let intervals = ((next.t_s - last_s) * self.rate_hz).round();
             counters.missing += (intervals - 1.0).max(0.0) as u64;
@@ -185,6 +182,6 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         }
         self.recent.push_back(next.t_s);
         self.waiting.pop_front();
-        self.motion.settle(next.t_s);
+        self.motion.settle(next.t_s, is_used);
     }
 }

@@ -52,8 +52,9 @@ pub trait Motion: Send {
     /// Time up to which the measurements determine the pose.
     fn newest_s(&self) -> Option<f64>;
 
-    /// Drops the measurements that no time from `t_s` on requires; the reading of that time has been used.
-    fn settle(&mut self, t_s: f64);
+    /// Drops the measurements that no time from `t_s` on requires. `is_used` states whether the pose of that time is used with a
+    /// reading.
+    fn settle(&mut self, t_s: f64, is_used: bool);
 
     /// Drops all measurements after a jump of a clock.
     fn restart(&mut self);

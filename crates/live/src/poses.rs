@@ -108,7 +108,7 @@ impl<P: Posed> Motion for Poses<P> {
         self.samples.newest_s()
     }
 
-    fn settle(&mut self, t_s: f64) {
+    fn settle(&mut self, t_s: f64, _is_used: bool) {
         self.samples.settle(t_s);
     }
 
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn verif_the_last_pose_before_a_time_is_kept() {
         let mut poses = poses(&[(0.0, 0.0, 0.0), (0.1, 1.0, 0.0), (0.2, 2.0, 0.0)]);
-        poses.settle(0.15);
+        poses.settle(0.15, true);
         let any = Pose::new(0.0, 0.0, 0.0);
         assert!(poses.is_before_all(0.05, &any) && !poses.is_before_all(0.1, &any));
         assert_eq!(poses.at(0.1, 1.0), Place::At(Pose::new(1.0, 0.0, 0.0)));

@@ -27,7 +27,15 @@ impl Default for Timing {
 /// Longest of these times.
 const MOST_S: f64 = 10.0;
 
+/// Number of nominal intervals between readings by which a clock may differ at least.
+const INTERVALS: f64 = 3.0;
+
 impl Timing {
+    /// Smallest jump of a clock at this nominal rate of the readings (s).
+    pub fn smallest_jump_s(&self, rate_hz: f64) -> f64 {
+        self.jump_s.max(INTERVALS / rate_hz)
+    }
+
     /// Checks the values.
     ///
     /// # Errors

@@ -16,8 +16,11 @@ use whisker::frames::{Base, Pose, World};
 use crate::estimator::{Answer, SpatialAnswer};
 pub use space::{SpatialLine, SpatialPriorLine, SpatialSampleLine, parse as parse_in_space};
 
-/// Key that only the first line of a whisker has.
-const PROTOCOL_KEY: &str = "protocol";
+/// Keys that only the first line of a whisker has.
+const PRIOR_KEYS: [&str; 3] = ["protocol", "rate_hz", "noise_sd_n_m"];
+
+/// Largest magnitude of a coordinate (m) and of a yaw (rad): differences of larger ones lose all meaning.
+const MOST: f64 = 1e9;
 
 /// First line of a whisker: prior information. Keys of the protocol that the calibration determines are read but not used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -128,6 +131,7 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
         return Ok(Line::Prior(Box::new(strict(line)?)));
     }
     let keys: Keys = strict(line)?;
+    check_pose(&[("base_x_m", keys.base_x_m), ("base_y_m", keys.base_y_m), ("base_yaw_rad", keys.base_yaw_rad)])?;
     let base = match (keys.base_x_m, keys.base_y_m, keys.base_yaw_rad) {
         (Some(x_m), Some(y_m), Some(yaw_rad)) => Some(Pose::new(x_m, y_m, yaw_rad)),
         (None, None, None) => None,
@@ -143,8 +147,8 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
 
 /// Whether a line is the first one of a whisker.
 fn is_prior(line: &str) -> bool {
-    line.contains(PROTOCOL_KEY)
-        && serde_json::from_str::<Value>(line).is_ok_and(|value| value.get(PROTOCOL_KEY).is_some())
+    let has_key = |value: Value| PRIOR_KEYS.iter().any(|key| value.get(key).is_some());
+    PRIOR_KEYS.iter().any(|key| line.contains(key)) && serde_json::from_str(line).is_ok_and(has_key)
 }
 
 /// An answer that is written as a line.
@@ -191,6 +195,13 @@ impl Written for SpatialAnswer {
             ..SpatialAnswerLine::new(self.estimate.as_ref())
         }
     }
+}
+
+/// Checks the magnitudes of coordinates and angles with their keys.
+fn check_pose(numbers: &[(&str, Option<f64>)]) -> Result<(), BadLine> {
+    let is_large = |number: &f64| number.abs() > MOST;
+    let large = numbers.iter().find_map(|(key, number)| Some((key, number.filter(is_large)?)));
+    large.map_or(Ok(()), |(key, number)| Err(unplaced(&format!("{key}: found {number:e}, expected at most {MOST:e}"))))
 }
 
 fn unplaced(reason: &str) -> BadLine {
@@ -275,8 +286,11 @@ mod tests {
         assert!(bad("[1, 2]").contains("messages are JSON objects"));
         assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
         assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
+        let far = bad(r#"{"t_s": 1, "base_x_m": 0, "base_y_m": -1e308, "base_yaw_rad": 0}"#);
+        assert_eq!(far, "base_y_m: found -1e308, expected at most 1e9");
         assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));
         assert!(bad(r#"{"t_s": 1, "t_s": 1, "reading_n_m": 0}"#).contains("t_s"));
         assert!(bad(r#"{"protocol": 1}"#).contains("missing field `rate_hz`"));
+        assert!(bad(r#"{"rate_hz": 250, "noise_sd_n_m": 1e-7}"#).contains("missing field `protocol`"));
     }
 }

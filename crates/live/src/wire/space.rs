@@ -6,7 +6,7 @@ use serde_json::Value;
 use trace::{SpatialPose, StatedSuspension};
 use whisker::Whisker;
 
-use super::{BadLine, Line, SampleLine, is_prior, strict, unplaced};
+use super::{BadLine, Line, SampleLine, check_pose, is_prior, strict, unplaced};
 
 /// Largest difference of a quaternion's length from 1.
 const UNIT: f64 = 1e-3;
@@ -113,6 +113,7 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
         return Ok(Line::Prior(Box::new(strict(line)?)));
     }
     let keys: Keys = strict(line)?;
+    check_pose(&[("base_x_m", keys.base_x_m), ("base_y_m", keys.base_y_m), ("base_z_m", keys.base_z_m)])?;
     let reading_n_m = match (keys.moment_y_n_m, keys.moment_z_n_m) {
         (Some(y), Some(z)) => Some(Vector2::new(y, z)),
         (None, None) => None,
