@@ -286,6 +286,8 @@ fn robust_wrong_first_lines_and_options_end_with_one_error() {
         "{\"protocol\": 1, \"name\": \"left\", \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",
         &["found the name `left`"],
     );
+    let no_protocol = fed_text(&live, "{\"rate_hz\": 250, \"noise_sd_n_m\": 0}\n");
+    assert!(text(&no_protocol.stderr).contains("missing field `protocol`"), "{}", text(&no_protocol.stderr));
     let told = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 0, "told": {"contact_x_m": 0.05, "contact_y_m": 0, "sd_m": 0}}"#;
     fails(&live, told, &["told: ", "a positive sd_m"]);
     fails(&["live"], "", &["--calibration"]);
@@ -326,4 +328,47 @@ fn robust_signals_end_the_stream_with_its_summary() {
         assert!(errors.contains("200 readings, 200 poses, 200 readings with a pose"), "{errors}");
         drop(stdin);
     }
+}
+
+#[test]
+fn robust_a_signal_ends_the_stream_although_nothing_reads_its_answers() {
+    let bench = Bench::new();
+    let calibration = bench.calibration();
+    for sent in [rustix::process::Signal::INT, rustix::process::Signal::TERM] {
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        // The capacity of a pipe, so that the first answer is blocked.
+        writer.write_all(&[b' '; 1 << 16]).unwrap();
+        let mut child = whisker(&["live", "--calibration", &calibration]).stdout(writer).spawn().unwrap();
+        let mut stdin = child.stdin.take().unwrap();
+        let mut errors = BufReader::new(child.stderr.take().unwrap()).lines();
+        writeln!(stdin, "nonsense").unwrap();
+        // The note precedes the answer.
+        assert!(errors.next().unwrap().unwrap().starts_with("error: stdin: line 1, "));
+        signal(&child, sent);
+        assert_eq!(child.wait().unwrap().code(), Some(1));
+        let errors: Vec<String> = errors.map(Result::unwrap).collect();
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        assert!(errors[0].starts_with("error: stdout: found a reader that does not read, expected "), "{errors:?}");
+        drop((stdin, reader));
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn robust_a_full_disk_ends_the_stream_with_one_error() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let calibration = bench.calibration();
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let mut child = whisker(&["live", "--calibration", &calibration]).stdout(full).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    writeln!(stdin, "{}", bench.prior("pin", None, &rows)).unwrap();
+    // The command may have ended before it reads all lines.
+    let _ = rows[..50].iter().flat_map(|row| lines(None, row)).try_for_each(|line| writeln!(stdin, "{line}"));
+    // stdin stays open.
+    let output = child.wait_with_output().unwrap();
+    drop(stdin);
+    let errors = text(&output.stderr);
+    assert_eq!((output.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+    assert!(errors.starts_with("error: stdout: ") && errors.contains("No space left"), "{errors}");
 }

@@ -1,5 +1,6 @@
 //! `whisker live`: contacts from streams of readings and poses, or from recordings played as such.
 
+mod blocked;
 mod recording;
 mod sink;
 mod stream;
@@ -12,6 +13,7 @@ use live::{Disturbance, Timing};
 use platform::interrupt;
 
 use super::played;
+use blocked::Writing;
 
 /// Estimate contacts live, from JSON lines on stdin or from recordings played at their own pace; answers are JSON lines on stdout
 #[derive(clap::Args)]
@@ -71,18 +73,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let timing = Timing { wait_s: wait, reorder_s: reorder, gap_s: gap, jump_s: jump };
     timing.validate()?;
     let stop = interrupt::asked()?;
+    let writing = Writing::watched(stop.clone())?;
     if !arguments.recording.is_empty() {
         let DisturbanceArguments { lost, jitter, swapped } = arguments.disturbance;
         let disturbance = Disturbance { lost, jitter_s: jitter, swapped };
         disturbance.validate()?;
-        return recording::run(arguments, timing, &disturbance, &stop);
+        return recording::run(arguments, timing, &disturbance, &stop, writing);
     }
     if arguments.played.is_for_recordings() {
         bail!(
             "--noise or --front-end: found without --recording, expected with it; on stdin, readings are those of a sensor"
         );
     }
-    stream::run(arguments, timing, &stop)
+    stream::run(arguments, timing, &stop, writing)
 }
 
 /// Name and calibration of an option `[NAME=]CALIBRATION`.

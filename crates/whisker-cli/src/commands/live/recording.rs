@@ -13,6 +13,7 @@ use nalgebra::Vector2;
 use trace::{ArrayRecording, ArraySidecar, Recording, SpatialTrace, Trace, is_spatial};
 use whisker::events::TouchConfig;
 
+use super::blocked::Writing;
 use super::sink::Sink;
 use super::{Arguments, named};
 use crate::commands::played::check_trace;
@@ -33,6 +34,7 @@ struct Player<'a> {
     timing: Timing,
     disturbance: &'a Disturbance,
     stop: &'a AtomicBool,
+    writing: Writing,
 }
 
 pub(super) fn run(
@@ -40,6 +42,7 @@ pub(super) fn run(
     timing: Timing,
     disturbance: &Disturbance,
     stop: &AtomicBool,
+    writing: Writing,
 ) -> anyhow::Result<ExitCode> {
     let entries = entries(&arguments.recording)?;
     let mut in_space = 0;
@@ -47,7 +50,7 @@ pub(super) fn run(
         check_trace(&entry.trace)?;
         in_space += usize::from(is_spatial(&entry.trace)?);
     }
-    let player = Player { arguments, timing, disturbance, stop };
+    let player = Player { arguments, timing, disturbance, stop, writing };
     match in_space {
         0 => player.in_plane(&entries),
         count if count == entries.len() => player.in_space(&entries),
@@ -111,7 +114,7 @@ impl Player<'_> {
         let begun = Instant::now();
         let speed = self.arguments.speed;
         let origin = begun - Duration::try_from_secs_f64(first_s / speed).unwrap_or_default();
-        let mut sink = Sink::new(origin, speed);
+        let mut sink = Sink::new(origin, speed, self.writing.clone());
         let pace = |at_s: f64| {
             let due = Duration::try_from_secs_f64((at_s - first_s) / speed).unwrap_or(Duration::MAX);
             while !self.stop.load(Ordering::Relaxed) {

@@ -5,16 +5,21 @@ use std::io::{self, Stdout, Write};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use live::wire::Written;
 use live::{Answer, Counters, Event, Output, Status};
 use platform::inference::Times;
 use serde::Serialize;
 use testbed::participant::AnswerLine;
 
+use super::blocked::Writing;
 use crate::commands::{FINISHED_WITH_FAILURES, diagnose};
 
 /// Largest number of printed notes of a kind; further ones are counted.
 const MOST_NOTES: u64 = 10;
+
+/// Largest number of bytes that are written at once.
+const PART: usize = 1 << 12;
 
 /// Status of a line that is no message.
 const REFUSED: &str = "refused";
@@ -22,6 +27,7 @@ const REFUSED: &str = "refused";
 /// Destination of the answers.
 pub(super) struct Sink {
     stdout: Stdout,
+    writing: Writing,
     lines: Vec<u8>,
     /// Wall-clock time at which the time of arrivals is zero, and its speed.
     origin: Instant,
@@ -33,9 +39,9 @@ pub(super) struct Sink {
 
 impl Sink {
     /// A sink for arrivals at `speed` seconds a second from `origin` on.
-    pub(super) fn new(origin: Instant, speed: f64) -> Self {
+    pub(super) fn new(origin: Instant, speed: f64, writing: Writing) -> Self {
         let (lines, latency, notes) = (Vec::new(), Times::default(), BTreeMap::new());
-        Self { stdout: io::stdout(), lines, origin, speed, latency, notes, refused: 0 }
+        Self { stdout: io::stdout(), writing, lines, origin, speed, latency, notes, refused: 0 }
     }
 
     /// Writes the answers of a whisker and prints its events. `name` is `None` if it is the only one.
@@ -83,6 +89,7 @@ impl Sink {
 
     /// Prints the counts of the whiskers and the latency. Returns the exit code.
     pub(super) fn finish(&self, whiskers: &[(Option<String>, Counters)]) -> ExitCode {
+        let _write = self.writing.begin();
         for (kind, count) in &self.notes {
             if *count > 1 {
                 diagnose(&format!("{kind}: {count}"));
@@ -104,15 +111,21 @@ impl Sink {
     }
 
     fn write(&mut self) -> anyhow::Result<()> {
-        let written = self.stdout.write_all(&self.lines).and_then(|()| self.stdout.flush());
+        let mut stdout = self.stdout.lock();
+        // In parts, so that a slow reader differs from one that does not read.
+        let written = self.lines.chunks(PART).try_for_each(|part| {
+            let _write = self.writing.begin();
+            stdout.write_all(part).and_then(|()| stdout.flush())
+        });
         self.lines.clear();
-        Ok(written?)
+        written.context("stdout")
     }
 
     fn note(&mut self, kind: &'static str, most: u64, words: impl FnOnce() -> String) {
         let count = self.notes.entry(kind).or_default();
         *count += 1;
         if *count <= most {
+            let _write = self.writing.begin();
             let further = if *count == most { " (further ones are counted)" } else { "" };
             diagnose(&format!("{}{further}", words()));
         }

@@ -23,6 +23,7 @@ use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runne
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
 
+use super::blocked::Writing;
 use super::sink::Sink;
 use super::{Arguments, named};
 use crate::commands::played::{InSpace, read_calibration};
@@ -104,7 +105,12 @@ struct Session<T: Method> {
     lines: u64,
 }
 
-pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
+pub(super) fn run(
+    arguments: &Arguments,
+    timing: Timing,
+    stop: &AtomicBool,
+    writing: Writing,
+) -> anyhow::Result<ExitCode> {
     let mut in_space = 0;
     for option in &arguments.calibration {
         let (_, path) = named(option);
@@ -113,11 +119,11 @@ pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> a
     match in_space {
         0 => {
             let (row, config) = arguments.played.method.registered()?;
-            serve(InPlane { row, config }, arguments, timing, stop)
+            serve(InPlane { row, config }, arguments, timing, stop, writing)
         }
         count if count == arguments.calibration.len() => {
             let InSpace { row, config, .. } = arguments.played.in_space()?;
-            serve(OfSpace { row, config }, arguments, timing, stop)
+            serve(OfSpace { row, config }, arguments, timing, stop, writing)
         }
         count => bail!(
             "--calibration: found {count} calibrations in space among {}, expected calibrations in the plane or in space alone",
@@ -126,14 +132,20 @@ pub(super) fn run(arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> a
     }
 }
 
-fn serve<T: Method>(method: T, arguments: &Arguments, timing: Timing, stop: &AtomicBool) -> anyhow::Result<ExitCode>
+fn serve<T: Method>(
+    method: T,
+    arguments: &Arguments,
+    timing: Timing,
+    stop: &AtomicBool,
+    writing: Writing,
+) -> anyhow::Result<ExitCode>
 where
     Answered<T::Kind>: Written,
 {
     let whiskers = whiskers(&arguments.calibration)?;
     check(&method, &whiskers, timing)?;
     let origin = Instant::now();
-    let sink = Arc::new(Mutex::new(Sink::new(origin, 1.0)));
+    let sink = Arc::new(Mutex::new(Sink::new(origin, 1.0, writing)));
     let mut session = Session { whiskers, method, timing, sink, origin, lines: 0 };
     let (sender, lines) = sync_channel(AHEAD);
     thread::Builder::new().name("stdin".into()).spawn(move || read(&sender)).context("thread of stdin")?;
@@ -256,11 +268,17 @@ where
                     let at_s = arrival.at.duration_since(self.origin).as_secs_f64();
                     self.line(arrival.line, at_s)?;
                 }
+                // A thread that has ended by itself has failed.
+                Err(RecvTimeoutError::Timeout) if self.has_ended_worker() => return self.end_workers().map(drop),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
         Ok(())
+    }
+
+    fn has_ended_worker(&self) -> bool {
+        self.whiskers.iter().flat_map(|whisker| &whisker.worker).any(|worker| worker.thread.is_finished())
     }
 
     /// Ends the threads of the whiskers. Returns names and counts.
