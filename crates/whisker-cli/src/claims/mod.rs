@@ -292,7 +292,10 @@ impl SpatialEvaluation {
 
 /// The error that a run is missing.
 fn missing(folder: &Path) -> anyhow::Error {
-    anyhow!("{}: run not found; `cargo xtask reproduce` and `cargo xtask random` make the runs of claims", folder.display())
+    anyhow!(
+        "{}: run not found; `cargo xtask reproduce` and `cargo xtask random` make the runs of claims",
+        folder.display()
+    )
 }
 
 impl Evaluation {
