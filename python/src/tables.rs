@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use pyo3::prelude::*;
+use testbed::results::RUN_FILES;
 use testbed::results::files::run_file;
 
 use crate::error::raised;
@@ -12,9 +13,9 @@ use crate::error::raised;
 #[pyfunction]
 pub(crate) fn check_table(py: Python<'_>, path: PathBuf) -> PyResult<usize> {
     let count = || {
-        let file = run_file(&path).and_then(|file| file.rows.as_ref());
+        let file = run_file(RUN_FILES, &path).and_then(|file| file.rows.as_ref());
         let rows = file.with_context(|| format!("{}: found no table of a run, expected one", path.display()))?;
-        (rows.count)(&path)
+        rows.counted(&path)
     };
     py.detach(count).map_err(raised)
 }

@@ -220,15 +220,13 @@ fn robust_not_a_number() {
 }
 
 #[test]
-fn robust_an_impossible_reading_and_a_cut_off_last_row() {
+fn robust_an_impossible_reading() {
     let huge = |table: String| {
         let (before, last) = table.trim_end().rsplit_once(',').unwrap();
         assert!(last.parse::<f64>().is_ok());
         format!("{before},1e30\n")
     };
     fails(TRIAL, huge, &["trial0.csv:", "column sz", "found `1e30`", "at most 10000000000 counts"]);
-    let cut_off = |table: String| table.trim_end().to_owned();
-    fails(TRIAL, cut_off, &["trial0.csv:", "row", "found the end of the file", "a number may lack digits"]);
 }
 
 #[test]
