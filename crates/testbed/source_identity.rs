@@ -89,6 +89,7 @@ pub(crate) const EVALUATION: Code = Code {
         "crates/testbed/src/space/estimates.rs",
         "crates/testbed/src/space/object.rs",
         "crates/testbed/src/space/evaluate.rs",
+        "crates/testbed/src/space/files.rs",
         "crates/testbed/src/space/map.rs",
         "crates/testbed/src/space/participant.rs",
         "crates/testbed/src/space/readings.rs",

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. If the clock of a
-//! sensor is set back, the conversion begins anew with the zeroing.
+//! sensor is set back to before the end of the zeroing, as by a recording in a loop, the conversion begins anew with the zeroing.
+//! After a smaller step back, or a wrong time stamp, the zeros are kept, since the whisker may be in contact.
 
 use std::collections::VecDeque;
 
@@ -57,9 +58,13 @@ impl Sensor {
         continued
     }
 
-    /// Drops all counts and the zero.
-    fn restart(&mut self) {
-        *self = Self::new(self.file.clone(), self.axis, self.modulo);
+    /// Drops the kept counts, and the zero if `zeroes`. With the zero, the counts continue across wraps of the counter.
+    fn restart(&mut self, zeroes: bool) {
+        if zeroes {
+            *self = Self::new(self.file.clone(), self.axis, self.modulo);
+        } else {
+            self.samples.clear();
+        }
     }
 
     /// Counts without the common mode.
@@ -89,7 +94,7 @@ pub(crate) struct Counts {
     first_s: Option<f64>,
     latest_s: Option<f64>,
     timing: Timing,
-    /// Smallest time by which a clock is set back.
+    /// Smallest step back of a clock that counts as a jump (s).
     jump_s: f64,
     /// Time, counts and arrival, in order of time.
     waiting: VecDeque<(f64, f64, f64)>,
@@ -114,12 +119,17 @@ impl Counts {
         Self { own, reference, neighbours, zeroing_s, first_s, latest_s, timing, jump_s, waiting, incomplete, late }
     }
 
-    /// Begins anew after a clock was set back. Counts that wait are left out.
-    fn restart(&mut self) {
-        self.own.restart();
+    /// Restarts after a clock was set back to `t_s`. If this lies before the end of the zeroing, the zeroing is repeated. Counts
+    /// that wait are left out.
+    fn restart(&mut self, t_s: f64) {
+        let zeroes = self.first_s.is_none_or(|first_s| t_s - first_s < self.zeroing_s);
+        if zeroes {
+            self.first_s = None;
+        }
+        self.own.restart(zeroes);
         self.reference.iter_mut().for_each(Samples::clear);
-        self.neighbours.iter_mut().for_each(|(_, sensor)| sensor.restart());
-        (self.first_s, self.latest_s) = (None, None);
+        self.neighbours.iter_mut().for_each(|(_, sensor)| sensor.restart(zeroes));
+        self.latest_s = None;
         self.incomplete += self.waiting.len() as u64;
         self.waiting.clear();
     }
@@ -144,7 +154,7 @@ impl Counts {
         if let Order::Jumped(jump) = clock.check(t_s, now_s, jump_s)
             && jump.to_s < jump.from_s
         {
-            self.restart();
+            self.restart(t_s);
         }
         match stream {
             Stream::Own => {
@@ -238,5 +248,78 @@ impl Counts {
             return None;
         };
         Some(self.own.file.characteristic.moment_n_m(compensated - zero - talk))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    const RATE_HZ: f64 = 250.0;
+    const MODULO: f64 = 65536.0;
+    const REST: f64 = 65_500.0;
+    /// Difference to the counts at rest, across a wrap of the counter, of a moment of -1 mN m.
+    const PRESSED: f64 = 2000.0;
+
+    /// Conversion of a sensor whose counter wraps, after the zeroing in the first second.
+    fn zeroed() -> Counts {
+        let file = json!({
+            "name": "s", "array": "a", "common_mode": [0.0, 0.0], "cross_talk": [],
+            "characteristic": {"coefficients": [-2e6], "range_n_m": [-2e-3, 2e-3]},
+            "noise_sd_n_m": 1e-7, "offset_sd_n_m": 0.0, "gain_sd": 0.0,
+        });
+        let file = serde_json::from_value(file).expect("a sensor");
+        let own = Sensor::new(file, 1, Some(MODULO));
+        let mut counts = Counts::new(own, false, Vec::new(), 1.0, Timing::default(), RATE_HZ);
+        assert!(converted(&mut counts, 0.0, 0.0, 1.0, REST).is_empty());
+        counts
+    }
+
+    /// Readings from constant counts of `length_s` from `t_s` on, which arrive from `now_s` on.
+    fn converted(counts: &mut Counts, t_s: f64, now_s: f64, length_s: f64, value: f64) -> Vec<f64> {
+        let mut readings_n_m = Vec::new();
+        for step in 0..=(length_s * RATE_HZ) as u32 {
+            let since_s = f64::from(step) / RATE_HZ;
+            counts.take(Stream::Own, t_s + since_s, [0.0, value.rem_euclid(MODULO), 0.0], now_s + since_s);
+            while let Some((_, reading_n_m, _)) = counts.next(now_s + since_s) {
+                readings_n_m.push(reading_n_m);
+            }
+        }
+        readings_n_m
+    }
+
+    fn assert_pressed(readings_n_m: &[f64], count: usize) {
+        assert_eq!(readings_n_m.len(), count);
+        assert!(readings_n_m.iter().all(|reading_n_m| (reading_n_m + 1e-3).abs() < 1e-9), "{readings_n_m:?}");
+    }
+
+    #[test]
+    fn robust_a_wrong_stamp_in_contact_keeps_the_zero() {
+        let mut counts = zeroed();
+        assert_pressed(&converted(&mut counts, 2.0, 2.0, 1.0, REST + PRESSED), 251);
+        // One count is stamped 1000 s ahead.
+        assert_pressed(&converted(&mut counts, 1003.004, 3.004, 0.0, REST + PRESSED), 1);
+        assert_pressed(&converted(&mut counts, 3.008, 3.008, 2.0, REST + PRESSED), 501);
+    }
+
+    #[test]
+    fn robust_a_small_step_back_of_the_clock_in_contact_keeps_the_zero() {
+        let mut counts = zeroed();
+        assert_pressed(&converted(&mut counts, 2.0, 2.0, 1.0, REST + PRESSED), 251);
+        assert_pressed(&converted(&mut counts, 2.5, 3.004, 2.0, REST + PRESSED), 501);
+    }
+
+    #[test]
+    fn robust_a_step_back_to_the_zeroing_repeats_it() {
+        let mut counts = zeroed();
+        assert_pressed(&converted(&mut counts, 2.0, 2.0, 1.0, REST + PRESSED), 251);
+        // Four counts precede the detection of the jump.
+        let offset = 300.0;
+        let at_rest_n_m = converted(&mut counts, 0.0, 3.004, 1.1, REST + offset);
+        assert_eq!(at_rest_n_m.len(), 4 + 21);
+        assert!(at_rest_n_m[4..].iter().all(|reading_n_m| reading_n_m.abs() < 1e-9), "{at_rest_n_m:?}");
+        assert_pressed(&converted(&mut counts, 2.0, 5.004, 1.0, REST + offset + PRESSED), 251);
     }
 }

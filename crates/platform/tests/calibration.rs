@@ -323,7 +323,7 @@ fn robust_a_log_given_twice_and_an_incomplete_compressed_log_are_refused() {
     };
     for paths in [[&log, &log], [&log, &copy], [&table, &table]] {
         let error = refused(&paths);
-        let expected = format!("log: found the content of {}, expected each log once", paths[0].display());
+        let expected = format!("log: found the same content as {}, expected each log once", paths[0].display());
         assert!(error.starts_with(&format!("{}: {expected}", paths[1].display())), "{error}");
     }
 

@@ -99,13 +99,13 @@ impl Dataset {
                 paths.push(path);
             } else if is_table && path.is_file() && is_trace_table(&path)? {
                 bail!(
-                    "{}: found a trace without its sidecar, expected {}",
+                    "{}: found a trace without its sidecar, expected {}; restore it, or move the table elsewhere",
                     path.display(),
                     path.with_extension("json").display()
                 );
             } else if is_json && !path.with_extension("csv").is_file() && is_sidecar(&path) {
                 bail!(
-                    "{}: found a sidecar without its trace, expected {}",
+                    "{}: found a sidecar without its trace, expected {}; restore it, or move the sidecar elsewhere",
                     path.display(),
                     path.with_extension("csv").display()
                 );

@@ -114,7 +114,7 @@ fn assert_files_of_the_registry(run: &Path) {
             let file = run_file(RUN_FILES, &path).unwrap_or_else(|| panic!("{}: not in RUN_FILES", path.display()));
             assert_eq!(file.writer, Writer::Evaluate, "{}", path.display());
             if let Some(rows) = file.rows {
-                (rows.count)(&path).unwrap();
+                rows.counted(&path).unwrap();
             }
         }
     }

@@ -368,7 +368,7 @@ fn estimates_by_time<One: Default + Serialize + DeserializeOwned>(
         let time_ns = time_ns(found.t_s, table)?;
         let (place, t_s) = (table.display(), found.t_s);
         let Some(expected) = known.get(&time_ns) else {
-            bail!("{place}: t_s: the estimates have {t_s} s, expected times of {} alone", path.display());
+            bail!("{place}: t_s: found {t_s} s, expected a time of {}", path.display());
         };
         let is_same = match (found.contact_m, expected.contact_m) {
             (Some(found_m), Some(expected_m)) => (found_m - expected_m).norm() <= SAME_M,

@@ -118,7 +118,7 @@ fn verif_estimates_in_space_are_contacts_in_the_frame_of_the_whisker() {
         export_spatial_trace(&golden_space(), Some(&table), &home.path().join("other")).unwrap_err().to_string()
     };
     let message = refused(&[SpatialEstimateRow { t_s: 12345.0, ..estimate.clone() }]);
-    assert!(message.contains("the estimates have 12345 s, expected times of "), "{message}");
+    assert!(message.contains("t_s: found 12345 s, expected a time of "), "{message}");
     let message =
         refused(&[SpatialEstimateRow { truth_contact_y_m: Some(truth.contact.y + 1e-3), ..estimate.clone() }]);
     assert!(message.contains("found another true contact, expected that of "), "{message}");
@@ -202,7 +202,7 @@ fn robust_estimates_of_another_trace_leave_no_recording_behind() {
     let found = "contact_x_m,contact_y_m,surface_x_m,surface_y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,calibrated,at_tip,radius_m,radius_sd_m,friction,friction_sd,models,model_doubtful,second_contact,truth_contact_x_m,truth_contact_y_m,truth_surface_x_m,truth_surface_y_m";
     fs::write(&estimates, format!("{known},{found}\n12345,0,0,0,0{}\n", ",".repeat(20))).unwrap();
     let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
-    assert!(message.contains("the estimates have 12345 s, expected times of "), "{message}");
+    assert!(message.contains("t_s: found 12345 s, expected a time of "), "{message}");
     // A trace with other contacts at the same times.
     let circle = Trace::read(&golden().join("golden_circle.csv")).unwrap();
     let rows: Vec<EstimateRow> = circle

@@ -474,7 +474,7 @@ fn robust_a_folder_of_results_holds_one_kind() {
     {
         bench.write(&format!("results/mine/{file}"), &json!({}));
         for command in [EVALUATE, "evaluate scenes/suite.json --estimators ekf --share 1/2 --force"] {
-            bench.refused(command, &["results/mine", found, file, "expected a run in the plane or another folder"]);
+            bench.refused(command, &["results/mine", found, file, "expected a run in the plane; move these files"]);
         }
         if file == "space_run.json" {
             bench.refused(recordings, &["results/mine", found, "expected tables of `whisker recordings`"]);

@@ -201,7 +201,9 @@ impl Written for SpatialAnswer {
 fn check_pose(numbers: &[(&str, Option<f64>)]) -> Result<(), BadLine> {
     let is_large = |number: &f64| number.abs() > MOST;
     let large = numbers.iter().find_map(|(key, number)| Some((key, number.filter(is_large)?)));
-    large.map_or(Ok(()), |(key, number)| Err(unplaced(&format!("{key}: found {number:e}, expected at most {MOST:e}"))))
+    large.map_or(Ok(()), |(key, number)| {
+        Err(unplaced(&format!("{key}: found {number:e}, expected a magnitude of at most {MOST:e}")))
+    })
 }
 
 fn unplaced(reason: &str) -> BadLine {
@@ -287,7 +289,7 @@ mod tests {
         assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
         assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
         let far = bad(r#"{"t_s": 1, "base_x_m": 0, "base_y_m": -1e308, "base_yaw_rad": 0}"#);
-        assert_eq!(far, "base_y_m: found -1e308, expected at most 1e9");
+        assert_eq!(far, "base_y_m: found -1e308, expected a magnitude of at most 1e9");
         assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));
         assert!(bad(r#"{"t_s": 1, "t_s": 1, "reading_n_m": 0}"#).contains("t_s"));
         assert!(bad(r#"{"protocol": 1}"#).contains("missing field `rate_hz`"));

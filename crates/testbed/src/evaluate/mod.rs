@@ -69,8 +69,8 @@ pub fn evaluate(
     settings: &EvaluateSettings,
     progress: &ProgressBar,
 ) -> anyhow::Result<Evaluated> {
+    restore(&settings.folder()?)?;
     let folder = settings.target()?;
-    restore(&folder)?;
     let prepared = Prepared::new(datasets, settings)?;
     let run = prepared.run(settings)?;
     let (unscored, omitted, gated) = (prepared.unscored(), prepared.omitted.clone(), prepared.gated.clone());

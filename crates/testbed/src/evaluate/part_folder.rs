@@ -55,9 +55,8 @@ impl<'a> PartFolder<'a> {
         let context = || self.folder.display().to_string();
         clear_temporary(&self.part).with_context(context)?;
         if self.folder.exists() {
-            let old = beside(self.folder, OLD);
-            remove(&old)?;
-            fs::rename(self.folder, &old).with_context(context)?;
+            restore(self.folder)?;
+            fs::rename(self.folder, beside(self.folder, OLD)).with_context(context)?;
         }
         fs::rename(&self.part, self.folder).with_context(context)?;
         tidy(self.folder)
@@ -72,16 +71,24 @@ impl<'a> PartFolder<'a> {
     }
 }
 
-/// Restores the old run if a process was killed between the two renames of [`PartFolder::finish`].
+/// Completes the replacement of a run if a process was killed in [`PartFolder::finish`]: without the new run, the old one is
+/// restored; otherwise its files of the user are moved into the new one, and it is removed.
 ///
 /// # Errors
-/// If it cannot be moved.
+/// If a file or folder cannot be moved or removed.
 pub(crate) fn restore(folder: &Path) -> anyhow::Result<()> {
     let old = beside(folder, OLD);
-    if old.exists() && !folder.exists() {
-        fs::rename(&old, folder).with_context(|| old.display().to_string())?;
+    if !old.is_dir() {
+        return Ok(());
     }
-    Ok(())
+    let context = || old.display().to_string();
+    if !folder.exists() {
+        return fs::rename(&old, folder).with_context(context);
+    }
+    Shards::remove(&old)?;
+    clear_temporary(&old).with_context(context)?;
+    keep_other_files(&old, folder, "")?;
+    remove(&old)
 }
 
 /// Removes the shards of a complete run, the run that it replaced except for files of the user, which become files of
@@ -92,13 +99,7 @@ pub(crate) fn restore(folder: &Path) -> anyhow::Result<()> {
 /// If a file or folder cannot be moved or removed.
 pub(crate) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Shards::remove(folder)?;
-    let old = beside(folder, OLD);
-    if old.is_dir() {
-        Shards::remove(&old)?;
-        clear_temporary(&old).with_context(|| old.display().to_string())?;
-        keep_other_files(&old, folder, "")?;
-    }
-    remove(&old)?;
+    restore(folder)?;
     let begins = format!("{}", beside(folder, "").file_name().unwrap_or_default().display());
     let results = folder.parent().filter(|results| !results.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let context = || results.display().to_string();
@@ -113,8 +114,8 @@ pub(crate) fn tidy(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Moves the files below a folder of a replaced run that no command wrote to the same places in the run that replaces it.
-/// `below` is the path of the folder in the run: empty, or with a slash at its end.
+/// Moves files that no command wrote from a folder of a replaced run to the same place in the run that replaces it. `below`
+/// is the path of the folder in the run: empty, or with a slash at its end.
 fn keep_other_files(old: &Path, run: &Path, below: &str) -> anyhow::Result<()> {
     let (from, to) = (old.join(below), run.join(below));
     for entry in fs::read_dir(&from).with_context(|| from.display().to_string())? {
@@ -128,12 +129,14 @@ fn keep_other_files(old: &Path, run: &Path, below: &str) -> anyhow::Result<()> {
             continue;
         }
         match inside.filter(|inside| files().any(|file| file.may_be_in(inside))) {
-            Some(inside) if path.is_dir() && !path.is_symlink() => keep_other_files(old, run, &inside)?,
+            // What a link stands for is not in the run, and stays.
+            Some(_) if path.is_symlink() => {}
+            Some(inside) if path.is_dir() => keep_other_files(old, run, &inside)?,
             _ => {
                 let kept = to.join(name);
                 ensure!(
                     !kept.exists(),
-                    "{}: found a file, expected none, so that {} can be moved there",
+                    "{}: found a file, expected none, so that {} can be moved there; move one of them elsewhere",
                     kept.display(),
                     path.display()
                 );
@@ -219,6 +222,20 @@ mod tests {
         part.finish().unwrap();
         assert!(kept.iter().all(|name| folder.join(name).is_file()), "a file of the user is lost");
         assert!(replaced.iter().all(|name| !folder.join(name).exists()), "a file of the former run stays");
+        assert_eq!(fs::read_dir(results.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn robust_files_of_the_user_survive_a_kill_before_they_are_moved() {
+        let results = tempfile::tempdir().unwrap();
+        let folder = results.path().join("run");
+        let old = beside(&folder, OLD);
+        for path in [folder.join("trials.csv"), old.join("trials.csv"), old.join("notes.txt")] {
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "").unwrap();
+        }
+        PartFolder::open(&folder, HASHES[0]).unwrap().finish().unwrap();
+        assert!(folder.join("notes.txt").is_file() && !folder.join("trials.csv").exists());
         assert_eq!(fs::read_dir(results.path()).unwrap().count(), 1);
     }
 

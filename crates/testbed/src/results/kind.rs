@@ -61,14 +61,14 @@ impl ResultsKind {
         let (at, own) = (folder.display(), self.about());
         if let Some(other) = Self::ALL.into_iter().find(|other| *other != self && other.is_in(folder)) {
             let (file, found) = (other.file(), other.about());
-            bail!("{at}: found {found} ({file}), expected {own} or another folder");
+            bail!("{at}: found {found} ({file}), expected {own}; move these files, or choose another name");
         }
         if self.is_in(folder) || !folder.exists() {
             return Ok(());
         }
         let mut entries = fs::read_dir(folder).with_context(|| at.to_string())?;
         if entries.next().is_some() {
-            bail!("{at}: found other files, expected {own}, or a folder that is empty or new");
+            bail!("{at}: found other files, expected {own}, or an empty or new folder; choose another name");
         }
         Ok(())
     }

@@ -136,7 +136,7 @@ fn damage(error: &csv::Error) -> String {
             format!("{line}: found {len} fields, expected {expected_len}, as in the header")
         }
         ErrorKind::Utf8 { err, .. } => {
-            format!("{line}: column {}: found bytes that are no UTF-8, expected text", err.field() + 1)
+            format!("{line}: column {}: found bytes that are not UTF-8, expected UTF-8 text", err.field() + 1)
         }
         _ => format!("{line}: {error}"),
     }
@@ -258,7 +258,7 @@ mod tests {
         let cases: [(&[u8], &str); 7] = [
             (b"a,1,0.5,true\nb,2,0.5\n", ":3: found 3 fields, expected 4, as in the header"),
             (b"a,1,0.5,true,\n", ":2: found 5 fields, expected 4, as in the header"),
-            (b"a,1,0.5,true\n\xff,2,0.5,true\n", ":3: column 1: found bytes that are no UTF-8, expected text"),
+            (b"a,1,0.5,true\n\xff,2,0.5,true\n", ":3: column 1: found bytes that are not UTF-8, expected UTF-8 text"),
             (b"a,1.5,0.5,true\n", ":2: column `count`: found `1.5`, expected a whole number"),
             (b"a,1,half,true\n", ":2: column `share`: found `half`, expected a number"),
             (b"a,1,,yes\n", ":2: column `is_good`: found `yes`, expected true or false"),

@@ -293,8 +293,8 @@ pub fn evaluate_into(
     force: bool,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialWritten> {
-    ResultsKind::SpatialRun.check_may_replace(folder)?;
     restore(folder)?;
+    ResultsKind::SpatialRun.check_may_replace(folder)?;
     let run = SpatialRun::new(dataset, settings)?;
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)

@@ -240,7 +240,7 @@ mod tests {
         Given { group, coverage, contact_s: 30.0, doubt_time_s }
     }
 
-    /// Four sets: two covered, one overconfident, one whose doubt must be raised.
+    /// Five sets: two covered, one without estimates, one overconfident, and one in which doubt must be raised.
     fn trials() -> [Given; 7] {
         [
             given("covered", Some(1.0), None),
@@ -254,26 +254,26 @@ mod tests {
     }
 
     #[test]
-    fn coverage_is_the_mean_over_sets() {
+    fn verif_coverage_is_the_mean_over_sets() {
         let trials = trials();
         let coverage = coverage_of(&sets_of(&trials)).unwrap();
         assert!((coverage - 100.0 * (0.9 + 0.8 + 0.7 + 0.3) / 4.0).abs() < 1e-9);
     }
 
     #[test]
-    fn overconfident_sets_are_those_below_the_threshold() {
+    fn verif_overconfident_sets_are_those_below_the_threshold() {
         assert_eq!(overconfident(&sets_of(&trials())), Some(50.0));
         assert_eq!(overconfident(&sets_of(&trials()[2..3])), None);
     }
 
     #[test]
-    fn doubt_is_found_if_it_is_raised_in_time_where_it_must_be() {
+    fn verif_doubt_is_found_if_it_is_raised_in_time_where_it_must_be() {
         assert_eq!(doubt_found(&sets_of(&trials())), Some(50.0));
         assert_eq!(doubt_found(&sets_of(&trials()[..5])), None);
     }
 
     #[test]
-    fn false_alarms_are_counted_per_minute_where_sets_are_covered() {
+    fn verif_false_alarms_are_counted_per_minute_where_sets_are_covered() {
         // One alarm in 90 s: the trial without coverage is in no covered set.
         let rate = doubt_false_per_min(&sets_of(&trials())).unwrap();
         assert!((rate - 1.0 / 1.5).abs() < 1e-9);

@@ -174,10 +174,10 @@ fn published_presses(samples: &[Sample], chain: &Chain) -> Result<Vec<(f64, Feat
     Ok(episodes.iter().map(|episode| (episode.onset_s, features(episode))).collect())
 }
 
-/// Checks that a log is none of those before it: presses that count twice would be held out only once each.
+/// Checks that a log was not given before: of a press that is present twice, only one copy would be held out.
 fn check_new(path: &Path, same: Option<&String>) -> Result<(), files::Error> {
     let Some(same) = same else { return Ok(()) };
-    Err(files::Error::value(path, "log", format!("the content of {same}"), "each log once"))
+    Err(files::Error::value(path, "log", format!("the same content as {same}"), "each log once"))
 }
 
 /// Checks that the sidecar of a log, if it has one, states no other distance than the label.

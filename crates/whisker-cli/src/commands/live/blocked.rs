@@ -1,8 +1,9 @@
-//! End of the command after an interrupt although nothing reads its output.
+//! Ends the command after an interrupt even if nothing reads its output.
 
 use std::process;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,35 +18,44 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const TICK: Duration = Duration::from_millis(50);
 
 /// Longest time for the error, which is not shown if stderr is not read either.
-const LAST_WORDS: Duration = Duration::from_millis(200);
+const LAST_WORDS: Duration = Duration::from_secs(2);
 
 /// Exit code of errors.
 const FAILURE: i32 = 1;
 
-/// Number of begun and ended writes: odd during a write.
+/// Stream of the output.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Stream {
+    /// That of the answers.
+    Stdout,
+    /// That of the notes.
+    Stderr,
+}
+
+/// The write in progress: its stream and its beginning. There is at most one at a time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Writing(Arc<AtomicU64>);
+pub(super) struct Writing(Arc<Mutex<Option<(Stream, Instant)>>>);
 
 /// A write in progress.
-pub(super) struct Write(Arc<AtomicU64>);
+pub(super) struct Write<'a>(&'a Writing);
 
 impl Writing {
     /// Writes that are watched: after `stop` is set, one that is blocked ends the program with an error.
     pub(super) fn watched(stop: Arc<AtomicBool>) -> anyhow::Result<Self> {
         let writing = Self::default();
-        let Self(count) = writing.clone();
+        let watched = writing.clone();
         let watch = move || {
             while !stop.load(Ordering::Relaxed) {
                 thread::sleep(TICK);
             }
-            let (mut last, mut since) = (count.load(Ordering::Relaxed), Instant::now());
+            let stopped = Instant::now();
             loop {
                 thread::sleep(TICK);
-                let now = count.load(Ordering::Relaxed);
-                if now != last || now % 2 == 0 {
-                    (last, since) = (now, Instant::now());
-                } else if since.elapsed() >= PATIENCE {
-                    end();
+                let write = *watched.current();
+                if let Some((stream, begun)) = write
+                    && begun.max(stopped).elapsed() >= PATIENCE
+                {
+                    end(stream);
                 }
             }
         };
@@ -54,22 +64,38 @@ impl Writing {
     }
 
     /// Begins a write, which ends when the value is dropped.
-    pub(super) fn begin(&self) -> Write {
-        self.0.fetch_add(1, Ordering::Relaxed);
-        Write(self.0.clone())
+    pub(super) fn begin(&self, stream: Stream) -> Write<'_> {
+        *self.current() = Some((stream, Instant::now()));
+        Write(self)
+    }
+
+    fn current(&self) -> MutexGuard<'_, Option<(Stream, Instant)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Write {
+impl Drop for Write<'_> {
     fn drop(&mut self) {
-        self.0.fetch_add(1, Ordering::Relaxed);
+        *self.0.current() = None;
     }
 }
 
-fn end() -> ! {
-    let error = "error: stdout: found a reader that does not read, expected one that takes the answers until the end; the last ones are lost";
+fn end(stream: Stream) -> ! {
+    let (name, content) = match stream {
+        Stream::Stdout => ("stdout", "answers"),
+        Stream::Stderr => ("stderr", "notes"),
+    };
+    let error = format!(
+        "error: {name}: found a reader that has stopped reading, expected one that reads all {content}; the last {content} are lost"
+    );
+    let (shown, is_shown) = channel();
     // Writing the error may be blocked too.
-    thread::spawn(move || diagnose(error));
-    thread::sleep(LAST_WORDS);
+    let show = move || {
+        diagnose(&error);
+        shown.send(())
+    };
+    // The program ends whether the error is shown or not.
+    let _ = thread::Builder::new().spawn(show);
+    let _ = is_shown.recv_timeout(LAST_WORDS);
     process::exit(FAILURE)
 }

@@ -12,7 +12,7 @@ use platform::inference::Times;
 use serde::Serialize;
 use testbed::participant::AnswerLine;
 
-use super::blocked::Writing;
+use super::blocked::{Stream, Writing};
 use crate::commands::{FINISHED_WITH_FAILURES, diagnose};
 
 /// Largest number of printed notes of a kind; further ones are counted.
@@ -89,17 +89,16 @@ impl Sink {
 
     /// Prints the counts of the whiskers and the latency. Returns the exit code.
     pub(super) fn finish(&self, whiskers: &[(Option<String>, Counters)]) -> ExitCode {
-        let _write = self.writing.begin();
         for (kind, count) in &self.notes {
             if *count > 1 {
-                diagnose(&format!("{kind}: {count}"));
+                self.print(&format!("{kind}: {count}"));
             }
         }
         for (name, counters) in whiskers {
-            diagnose(&format!("{}: {counters}", name.as_deref().unwrap_or("whisker")));
+            self.print(&format!("{}: {counters}", name.as_deref().unwrap_or("whisker")));
         }
         if self.latency.count() > 0 {
-            diagnose(&format!("latency from reading to answer: {} answers, {}", self.latency.count(), self.latency));
+            self.print(&format!("latency from reading to answer: {} answers, {}", self.latency.count(), self.latency));
         }
         if self.refused > 0 { FINISHED_WITH_FAILURES.into() } else { ExitCode::SUCCESS }
     }
@@ -114,7 +113,7 @@ impl Sink {
         let mut stdout = self.stdout.lock();
         // In parts, so that a slow reader differs from one that does not read.
         let written = self.lines.chunks(PART).try_for_each(|part| {
-            let _write = self.writing.begin();
+            let _write = self.writing.begin(Stream::Stdout);
             stdout.write_all(part).and_then(|()| stdout.flush())
         });
         self.lines.clear();
@@ -125,9 +124,14 @@ impl Sink {
         let count = self.notes.entry(kind).or_default();
         *count += 1;
         if *count <= most {
-            let _write = self.writing.begin();
             let further = if *count == most { " (further ones are counted)" } else { "" };
-            diagnose(&format!("{}{further}", words()));
+            self.print(&format!("{}{further}", words()));
         }
+    }
+
+    /// Prints a line on stderr.
+    fn print(&self, line: &str) {
+        let _write = self.writing.begin(Stream::Stderr);
+        diagnose(line);
     }
 }

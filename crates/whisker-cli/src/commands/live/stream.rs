@@ -304,7 +304,7 @@ where
                 let column = Some(error.utf8_error().valid_up_to() + 1);
                 Err(BadLine {
                     column,
-                    reason: "found bytes that are no UTF-8, expected UTF-8".into(),
+                    reason: "found bytes that are not UTF-8, expected UTF-8".into(),
                     is_not_finite: false,
                 })
             }
