@@ -10,6 +10,9 @@ use whisker::frames::Point;
 
 use crate::error::{of_argument, refused};
 
+/// Largest number of coordinates in an array of points.
+const MOST_NUMBERS: usize = 100_000_000;
+
 /// An array of real numbers, or what NumPy converts to one.
 pub(crate) struct Numbers<'py>(PyReadonlyArrayDyn<'py, f64>);
 
@@ -17,7 +20,7 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Numbers<'py> {
     type Error = PyErr;
 
     /// # Errors
-    /// `TypeError` for numbers that are not real, texts, times and other objects, and for masked arrays, whose masked elements have no
+    /// `TypeError` for flags, complex numbers, texts, times and other objects, and for masked arrays, whose masked elements have no
     /// value.
     fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
         let numpy = object.py().import("numpy")?;
@@ -44,17 +47,16 @@ impl<'py> Numbers<'py> {
 /// Array of NaN of shape (`rows`, `count`, `coordinates`) for as many points in each row as the argument `count` states.
 ///
 /// # Errors
-/// `ValueError` if there are fewer than `least` points, or no memory for them.
+/// `ValueError` if there are fewer than `least` points, or more than [`MOST_NUMBERS`] coordinates in all.
 pub(crate) fn points_of_rows(rows: usize, count: usize, least: usize, coordinates: usize) -> PyResult<Array3<f64>> {
     if count < least {
         return Err(refused("count", count, &format!("at least {least} points")));
     }
-    let mut numbers = Vec::new();
-    let elements = rows.checked_mul(count).and_then(|points| points.checked_mul(coordinates));
-    let reserved = elements.filter(|&elements| numbers.try_reserve_exact(elements).is_ok());
-    let elements = reserved.ok_or_else(|| refused("count", count, "a number of points for which there is memory"))?;
-    numbers.resize(elements, f64::NAN);
-    Ok(Array3::from_shape_vec((rows, count, coordinates), numbers).expect("as many numbers as elements"))
+    let most = MOST_NUMBERS / (rows.max(1) * coordinates);
+    if count > most {
+        return Err(refused("count", count, &format!("at most {most} points for an array of {rows} rows")));
+    }
+    Ok(Array3::from_elem((rows, count, coordinates), f64::NAN))
 }
 
 /// Rows of an array of shape (n, `N`), which must be finite.

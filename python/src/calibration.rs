@@ -211,7 +211,8 @@ impl Prediction {
 ///
 /// `lines` holds the data of each calibrated face: `{"left": [(contacts, readings), ...]}`, with the contacts (n, 2) on the
 /// centre line in Base (m) and the readings (n) in N m of each line along which a pin was pressed. Each line is compared
-/// with the models fitted to the others, and its largest reading must have the sign of the face. `pin_radius_m` is the distance of the contacts from the centre of the pin: the
+/// with the models fitted to the others, and its largest reading must have the sign of the face and that of the moment
+/// which the elastica gives at its contact. `pin_radius_m` is the distance of the contacts from the centre of the pin: the
 /// radius of pin and wire together. `models` are names of `sensor_models()`; by default all. `noise_sd_n_m` is the
 /// standard deviation of the noise in the readings.
 ///
@@ -260,8 +261,10 @@ pub(crate) fn fit_calibration(
             }
             py.check_signals()?;
         }
-        let none =
-            || refused(&format!("lines[`{name}`]"), "data of no model", &format!("others: {}", reasons.join("; ")));
+        let none = || {
+            let expected = format!("other data: {}", reasons.join("; "));
+            refused(&format!("lines[`{name}`]"), "data to which no model can be fitted", &expected)
+        };
         faces.push(FaceFile::new(&fits).ok_or_else(none)?);
     }
     if faces.is_empty() {
@@ -273,8 +276,8 @@ pub(crate) fn fit_calibration(
     Ok(Calibration::new(file, "calibration".into()))
 }
 
-/// Calibration samples of one face, line by line. The largest reading of each line must have the sign of the face, and of the moment
-/// by the elastica.
+/// Calibration samples of one face, line by line. The largest reading of each line must have the sign of the face and that of the
+/// moment which the elastica gives at its contact.
 fn samples(whisker: &Whisker, face: Face, lines: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Sample>>> {
     let elastica = whisker.elastica()?;
     lines

@@ -50,12 +50,16 @@ pub(crate) fn check_not_negative(what: &str, number: f64) -> PyResult<()> {
     Err(refused(what, number, "a number of 0 or more"))
 }
 
-/// Checks the coordinates of a position (m): finite and within the distance that a trace allows.
+/// Checks the coordinates of a position (m): finite, with magnitudes that a trace allows.
 pub(crate) fn check_position(what: &str, position_m: &[f64]) -> PyResult<()> {
     if position_m.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M) {
         return Ok(());
     }
-    Err(refused(what, format!("{position_m:?}"), &format!("finite numbers, coordinates within {FARTHEST_M} m")))
+    Err(refused(
+        what,
+        format!("{position_m:?}"),
+        &format!("finite coordinates with magnitudes of at most {FARTHEST_M} m"),
+    ))
 }
 
 /// Poses (n, 3) of the base in World: x (m), y (m) and yaw (rad).

@@ -1,4 +1,4 @@
-//! The way in which a running estimator takes its samples.
+//! Whether a running estimator takes its samples by `step` or by `update`.
 
 use pyo3::prelude::*;
 

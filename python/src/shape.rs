@@ -54,7 +54,8 @@ impl Shape {
         Ok(Self { name: "polygon", outline: Box::new(Polygon::new(&vertices).map_err(raised)?) })
     }
 
-    /// Points (count, 2) of the outline, counter-clockwise, evenly spaced by the angle of the normal (m).
+    /// Points (count, 2) of the outline, counter-clockwise, evenly spaced by the angle of the normal (m). The array has at most
+    /// 1e8 numbers.
     #[pyo3(signature = (count=361))]
     fn points<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let mut points = points_of_rows(1, count, 1, 2)?.remove_axis(Axis(0));

@@ -96,7 +96,7 @@ def test_robust_contacts_on_the_wrong_side_are_refused(whisker):
 
 def test_robust_data_that_determine_no_model_are_refused(whisker):
     lines = {"left": [([[0.05, -0.001]], [-1e-5])]}
-    with pytest.raises(ValueError, match=r"lines\[`left`\]: found data of no model"):
+    with pytest.raises(ValueError, match=r"lines\[`left`\]: found data to which no model can be fitted, expected other data: "):
         wc.fit_calibration(whisker, lines, PIN_RADIUS_M)
     with pytest.raises(ValueError, match="unknown sensor model `magic`, expected one of: polynomial"):
         wc.fit_calibration(whisker, lines, PIN_RADIUS_M, models=["magic"])

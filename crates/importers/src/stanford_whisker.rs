@@ -325,7 +325,7 @@ impl Table {
             let stage = |i| match cell(i)? {
                 place_mm if place_mm.abs() <= FARTHEST_MM => Ok(place_mm * M_PER_MM),
                 _ => {
-                    let expected = format!("a stage position of at most {FARTHEST_MM} mm");
+                    let expected = format!("a stage position of a magnitude of at most {FARTHEST_MM} mm");
                     Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
                 }
             };
@@ -333,7 +333,7 @@ impl Table {
             let counts = |i| match cell(i)? {
                 counts if counts.abs() <= MOST_COUNTS => Ok(counts),
                 _ => {
-                    let expected = format!("at most {MOST_COUNTS} counts");
+                    let expected = format!("a magnitude of at most {MOST_COUNTS} counts");
                     Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
                 }
             };

@@ -226,7 +226,7 @@ fn robust_an_impossible_reading() {
         assert!(last.parse::<f64>().is_ok());
         format!("{before},1e30\n")
     };
-    fails(TRIAL, huge, &["trial0.csv:", "column sz", "found `1e30`", "at most 10000000000 counts"]);
+    fails(TRIAL, huge, &["trial0.csv:", "column sz", "found `1e30`", "a magnitude of at most 10000000000 counts"]);
 }
 
 #[test]

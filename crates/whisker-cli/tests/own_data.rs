@@ -137,8 +137,8 @@ fn verif_own_csv_gives_accurate_contacts() {
     }
 }
 
-/// The recordings of the example as rosbag2 folders; the topics have times of their own.
-fn bags(folder: &Path) {
+/// The recordings of the example as rosbag2 folders, with the readings on this topic; the topics have times of their own.
+fn bags(folder: &Path, readings: &str) {
     for (name, rows) in made::recordings() {
         let mut writer = Writer::create(&folder.join(name)).unwrap();
         for row in rows {
@@ -151,7 +151,7 @@ fn bags(folder: &Path) {
             let magnetic_field = Vector3 { x: 0.0, y: row.counts, z: 0.0 };
             let header = header(time_ns(0.4));
             let field = MagneticField { header, magnetic_field, magnetic_field_covariance: [0.0; 9] };
-            writer.write("/magnetometer", time_ns(7.0), &field).unwrap();
+            writer.write(readings, time_ns(7.0), &field).unwrap();
         }
         writer.finish().unwrap();
     }
@@ -160,7 +160,7 @@ fn bags(folder: &Path) {
 #[test]
 fn verif_own_bag_gives_the_same_contacts_as_the_csv() {
     let work = tempfile::tempdir().unwrap();
-    bags(work.path());
+    bags(work.path(), "/magnetometer");
     let mapping = work.path().join("import.json");
     fs::copy(example().join("import_bag.json"), &mapping).unwrap();
     let (from_bag, from_csv) = (work.path().join("bag"), work.path().join("csv"));
@@ -175,6 +175,22 @@ fn verif_own_bag_gives_the_same_contacts_as_the_csv() {
         let (Some(bag), Some(csv)) = (bag.contact, csv.contact) else { continue };
         assert!(bag.distance(&csv) < 0.3e-3, "{bag:?} {csv:?}");
     }
+}
+
+#[test]
+fn verif_a_topic_whose_name_begins_with_that_of_an_earlier_one() {
+    let work = tempfile::tempdir().unwrap();
+    let of_bag = fs::read_to_string(example().join("import_bag.json")).unwrap();
+    let moments = |readings: &str| {
+        let folder = work.path().join(&readings[1..]);
+        fs::create_dir_all(&folder).unwrap();
+        bags(&folder, readings);
+        let (mapping, traces) = (folder.join("import.json"), folder.join("traces"));
+        fs::write(&mapping, of_bag.replace("/magnetometer/", &format!("{readings}/"))).unwrap();
+        good(&["import", "bag", text(&mapping), "--out", text(&traces)]);
+        fs::read(traces.join("trial_1.csv")).unwrap()
+    };
+    assert_eq!(moments("/flange/hall"), moments("/magnetometer"));
 }
 
 #[test]
@@ -221,7 +237,7 @@ fn robust_times_out_of_order() {
     let mut lines: Vec<String> = fs::read_to_string(&path).unwrap().lines().map(Into::into).collect();
     lines.swap(20, 40);
     fs::write(&path, lines.join("\n")).unwrap();
-    fails_on(folder.path(), &["trial_1.csv:22", "time", "the order of time"]);
+    fails_on(folder.path(), &["trial_1.csv:22", "time", "times that do not decrease"]);
 }
 
 /// Example whose trial lacks the rows of 0.9 s.
@@ -280,19 +296,31 @@ fn with_line(line: usize, change: impl Fn(Vec<&str>) -> String) -> tempfile::Tem
 }
 
 #[test]
-fn robust_glitches_of_the_pose_and_impossible_values_are_named_with_their_row() {
+fn robust_glitches_of_the_yaw_and_impossible_values_are_named_with_their_row() {
     let turned = |cells: Vec<&str>| {
         let yaw_deg: f64 = cells[3].parse().unwrap();
         format!("{},{},{},{},{}", cells[0], cells[1], cells[2], yaw_deg - 180.0, cells[4])
     };
     fails_on(with_line(100, turned).path(), &["trial_1.csv:100: column `flange_yaw_deg`: found ", "remove the row"]);
-    let moved = |cells: Vec<&str>| format!("{},{},0,{},{}", cells[0], cells[1], cells[3], cells[4]);
-    fails_on(with_line(100, moved).path(), &["trial_1.csv:100: column `flange_y_mm`: found 0 m between 0.1"]);
     let huge = |cells: Vec<&str>| format!("{},{},{},{},1e30", cells[0], cells[1], cells[2], cells[3]);
     fails_on(
         with_line(12, huge).path(),
-        &["trial_1.csv:12: column `hall_counts`: found 1", "at most 10000000000 counts"],
+        &["trial_1.csv:12: column `hall_counts`: found 1", "a magnitude of at most 10000000000 counts"],
     );
+}
+
+#[test]
+fn robust_single_positions_that_may_be_glitches_are_noted() {
+    let moved = |cells: Vec<&str>| format!("{},{},0,{},{}", cells[0], cells[1], cells[3], cells[4]);
+    let folder = with_line(100, moved);
+    let (traces, output) = imported(folder.path());
+    let notes = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && traces.join("trial_1.csv").is_file(), "{notes}");
+    let noted: Vec<&str> = notes.lines().filter(|line| line.contains("the first of")).collect();
+    let [note] = noted[..] else { panic!("printed: {notes}") };
+    for words in ["trial_1: ", "trial_1.csv:100: column `flange_y_mm`: found 0 m between 0.1", "the first of 1 such"] {
+        assert!(note.contains(words), "does not contain `{words}`: {note}");
+    }
 }
 
 #[test]

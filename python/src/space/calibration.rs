@@ -81,12 +81,14 @@ pub(crate) fn fit_spatial_calibration(
     let contacts: Vec<_> = lines.iter().flatten().map(|sample| (sample.contact.vector(), sample.reading_n_m)).collect();
     let watermark = watermark([&*format!("{:?} {contacts:?}", rod.whisker)]);
     let data = FittedData { data_sha256: watermark.inputs_sha256.clone(), ..FittedData::default() };
-    let file = SpatialCalibrationFile::new(&fits, data, watermark)
-        .ok_or_else(|| refused("lines", "data of no model", &format!("others: {}", reasons.join("; "))))?;
+    let file = SpatialCalibrationFile::new(&fits, data, watermark).ok_or_else(|| {
+        refused("lines", "data to which no model can be fitted", &format!("other data: {}", reasons.join("; ")))
+    })?;
     SpatialCalibration::new(file, Path::new("calibration")).map_err(raised)
 }
 
-/// Calibration samples of one line. Its largest reading must point as that of the rod at the contact does.
+/// Calibration samples of one line. Its largest reading must not be opposite or perpendicular to the bending moment of the rod at
+/// that contact.
 fn samples(rod: &Rod, i: usize, (contacts, readings): &(Numbers<'_>, Numbers<'_>)) -> PyResult<Vec<SpatialSample>> {
     let what = format!("lines[{i}]");
     let (contacts, readings) = (rows::<3>(&what, contacts)?, rows::<2>(&format!("readings of {what}"), readings)?);

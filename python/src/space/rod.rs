@@ -123,7 +123,8 @@ impl SpatialContacts {
         rows.filter_map(|(row, contact)| Some((row, contact.as_ref().err()?.as_str()))).collect()
     }
 
-    /// Shapes (n, count, 3) of the deflected centre lines at evenly spaced arc lengths from root to tip, in Base (m).
+    /// Shapes (n, count, 3) of the deflected centre lines at evenly spaced arc lengths from root to tip, in Base (m). The array has
+    /// at most 1e8 numbers.
     #[pyo3(signature = (count=101))]
     fn shape<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let mut shapes = points_of_rows(self.contacts.len(), count, 2, 3)?;

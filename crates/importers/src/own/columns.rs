@@ -82,7 +82,7 @@ fn after_lines(mut bytes: &[u8], lines: usize) -> (&[u8], u64) {
     (bytes, skipped as u64)
 }
 
-/// The lines with an end, and whether a last one without an end is left out. A single line may lack its end.
+/// The lines that have a line end, and whether a last line without one is left out. A single line is kept without a line end.
 fn complete_lines(bytes: &[u8]) -> (&[u8], bool) {
     let end = bytes.iter().rposition(|byte| matches!(byte, b'\n' | b'\r')).map_or(bytes.len(), |end| end + 1);
     (&bytes[..end], end < bytes.len())

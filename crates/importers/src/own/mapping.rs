@@ -163,7 +163,7 @@ impl<U: Unit> Quantity<U> {
             (Some(_), None) => Ok(()),
             (None, Some(value)) if value.abs() <= most => Ok(()),
             (None, Some(value)) => {
-                Err(Error::value(path, key, format!("{value} in SI units"), format!("at most {most}")))
+                Err(Error::value(path, key, format!("{value} in SI units"), format!("a magnitude of at most {most}")))
             }
             (Some(_), Some(_)) => Err(Error::value(path, key, "`column` and `value`", "one of them")),
             (None, None) => Err(Error::value(path, key, "neither `column` nor `value`", "one of them")),

@@ -25,7 +25,7 @@ use whisker::sensor::Face;
 
 use self::mapping::{ContactColumns, Mapping, Moving, Quantity, RecordingEntry};
 use self::sensor::{AtRest, Conversion, Touching, sustained};
-use self::series::{Grid, Series};
+use self::series::{Glitch, Grid, Series};
 use self::units::{Reading, Unit};
 use crate::provenance::generator;
 use crate::{Imported, MOST_COUNTS, Progress};
@@ -33,8 +33,14 @@ use crate::{Imported, MOST_COUNTS, Progress};
 /// Largest quantity of a trace other than a coordinate.
 const MOST: f64 = 1e6;
 
-/// Smallest departure of a single position (m) and yaw (rad) that is a glitch.
-const GLITCHES: (f64, f64) = (0.01, 0.1);
+/// Smallest difference of a single position from its neighbours that may be a glitch. It may also be a fast motion.
+const GLITCH_M: f64 = 0.01;
+
+/// Smallest difference of a single yaw from its neighbours that is a glitch.
+const GLITCH_RAD: f64 = 0.1;
+
+/// Largest yaw rate of a robot (rad/s). A difference that it explains is not a glitch.
+const FASTEST_RAD_S: f64 = 10.0;
 
 /// Vertices of the outline of a pin.
 const VERTICES: usize = 96;
@@ -125,6 +131,8 @@ struct Sampled<'a> {
     repeated: usize,
     is_cut_off: bool,
     has_clock: bool,
+    /// Remarks about single positions that may be glitches.
+    glitches: Vec<String>,
     grid: Grid,
     base: Vec<Pose<Base, World>>,
     at_rest: AtRest,
@@ -170,6 +178,7 @@ impl<'a> Sampled<'a> {
             repeated,
             is_cut_off,
             has_clock,
+            glitches: columns.glitches_of_positions(&path, mapping),
             base,
             readings: known(reading.at(clock_s)).map(|reading| reading - at_rest.rest).collect(),
             at_rest,
@@ -191,11 +200,14 @@ impl<'a> Sampled<'a> {
             notes.push(format!("{name}: {} gaps without rows", self.grid.gaps));
         }
         if self.is_cut_off {
-            notes.push(format!("{name}: last row left out, since it has no line end and may lack digits"));
+            notes.push(format!(
+                "{name}: last row left out, since it has no line end and its last number may be incomplete"
+            ));
         }
         if self.repeated > 0 {
             notes.push(format!("{name}: {} samples with the time of the one before left out", self.repeated));
         }
+        notes.extend(self.glitches.iter().map(|glitch| format!("{name}: {glitch}")));
         notes
     }
 
@@ -222,7 +234,7 @@ impl<'a> Sampled<'a> {
             let moment_z_n_m = sensor.conversion.characteristic.moment_n_m(self.readings[row]);
             if !moment_z_n_m.is_finite() || moment_z_n_m.abs() > MOST {
                 let found = format!("{moment_z_n_m} N m at {t_s} s");
-                return Err(Error::value(&self.path, "reading", found, format!("at most {MOST} N m")));
+                return Err(Error::value(&self.path, "reading", found, format!("a magnitude of at most {MOST} N m")));
             }
             let base = self.base[row];
             instants.push(Instant { t_s: *t_s, base, twist: None, moment_z_n_m, rotation_z_rad: None });
@@ -331,20 +343,40 @@ impl Columns<'_> {
         &self.series[place.expect("every column of the mapping is wanted")]
     }
 
-    /// Checks the ranges of the columns, and that the pose has no glitches.
+    /// The columns of the position of the pose (m), by name.
+    fn positions<'a>(&'a self, mapping: &'a Mapping) -> impl Iterator<Item = (&'a str, Series)> {
+        [&mapping.pose.x, &mapping.pose.y].into_iter().filter_map(|place| {
+            let name = place.column.as_deref()?;
+            Some((name, self.series(name).clone().scaled(place.factor())))
+        })
+    }
+
+    /// Remarks about single positions of the pose that may be glitches: for each column, the number and the first.
+    fn glitches_of_positions(&self, path: &Path, mapping: &Mapping) -> Vec<String> {
+        let remark = |(name, series): (&str, Series)| {
+            let glitches: Vec<Glitch> = series.glitches(GLITCH_M, 0.0).collect();
+            let first = glitches.first()?;
+            Some(format!(
+                "{}:{}: column `{name}`: found {}, the first of {} such values; remove such rows unless the robot moved so fast",
+                path.display(),
+                first.line,
+                first.found("m"),
+                glitches.len()
+            ))
+        };
+        self.positions(mapping).filter_map(remark).collect()
+    }
+
+    /// Checks the ranges of the columns, and that the yaw has no glitches.
     fn check(&self, path: &Path, mapping: &Mapping) -> Result<(), Error> {
-        let (pose, (glitch_m, glitch_rad)) = (&mapping.pose, GLITCHES);
-        for place in [&pose.x, &pose.y] {
-            if let Some(name) = &place.column {
-                let series = self.series(name).clone().scaled(place.factor());
-                series.check_range(path, name, FARTHEST_M, "m")?;
-                series.check_glitches(path, name, glitch_m, "m")?;
-            }
+        for (name, series) in self.positions(mapping) {
+            series.check_range(path, name, FARTHEST_M, "m")?;
         }
+        let pose = &mapping.pose;
         if let Some(name) = &pose.yaw.column {
             let series = self.series(name).clone().scaled(pose.yaw.factor());
             series.check_range(path, name, MOST, "rad")?;
-            series.unwrapped().check_glitches(path, name, glitch_rad, "rad")?;
+            series.unwrapped().check_glitches(path, name, GLITCH_RAD, FASTEST_RAD_S, "rad")?;
         }
         let reading = &mapping.reading;
         let readings = self.series(&reading.column);
@@ -394,7 +426,7 @@ fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
         path,
         "pose",
         found,
-        format!("at most {FARTHEST_M} m and {MOST} rad; compare the units of the mapping"),
+        format!("magnitudes of at most {FARTHEST_M} m and {MOST} rad; compare the units of the mapping"),
     ))
 }
 
@@ -402,7 +434,8 @@ fn check_places(path: &Path, places: &[Option<Point<World>>]) -> Result<(), Erro
     let is_far = |place: &&Point<World>| !(place.x().abs() <= FARTHEST_M && place.y().abs() <= FARTHEST_M);
     let Some(far) = places.iter().flatten().find(is_far) else { return Ok(()) };
     let found = format!("{} m, {} m", far.x(), far.y());
-    Err(Error::value(path, "contact", found, format!("at most {FARTHEST_M} m; compare the units of the mapping")))
+    let expected = format!("magnitudes of at most {FARTHEST_M} m; compare the units of the mapping");
+    Err(Error::value(path, "contact", found, expected))
 }
 
 /// Contact of a whisker with a pin.

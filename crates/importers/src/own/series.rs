@@ -27,6 +27,25 @@ const GLITCH: f64 = 10.0;
 /// Share, and least number, of the largest steps of a column that are taken to be those of glitches.
 const OF_GLITCHES: (usize, usize) = (100, 4);
 
+/// A single value that differs strongly from both its neighbours, in the same direction.
+#[derive(Debug)]
+pub(crate) struct Glitch {
+    /// Its line or message, from 1.
+    pub(crate) line: u64,
+    /// The value between those of its neighbours.
+    pub(crate) values: [f64; 3],
+    /// Largest difference from a neighbour that is usual.
+    pub(crate) most: f64,
+}
+
+impl Glitch {
+    /// The value and its neighbours in this unit.
+    pub(crate) fn found(&self, unit: &str) -> String {
+        let [before, value, after] = self.values;
+        format!("{value} {unit} between {before} and {after} {unit}")
+    }
+}
+
 /// Times of samples and their places in the file.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Clock {
@@ -51,7 +70,9 @@ impl Clock {
                 let expected = format!("at most {MOST_S} s; compare the unit of the times");
                 wrong(format!("{time_s} s after the first row"), expected)
             }
-            Some(last) if time_s < *last => wrong(format!("{time_s} s after {last} s"), "the order of time".into()),
+            Some(last) if time_s < *last => {
+                wrong(format!("{time_s} s after {last} s"), "times that do not decrease".into())
+            }
             Some(last) if time_s == *last => Ok(false),
             _ => {
                 self.times_s.push(time_s);
@@ -96,37 +117,48 @@ impl Series {
         let is_larger = |value: &Option<f64>| value.is_some_and(|value| value.abs() > most);
         let Some(place) = self.values.iter().position(is_larger) else { return Ok(()) };
         let found = format!("{} {unit}", self.values[place].unwrap_or_default());
-        Err(self.wrong(path, column, place, found, format!("at most {most} {unit}; compare the units of the mapping")))
+        let expected = format!("a magnitude of at most {most} {unit}; compare the units of the mapping");
+        Err(table_error(path, column, self.clock.places[place], found, expected))
     }
 
-    /// Checks that no value of a single sample departs from those before and after it by more than `least` and ten times the steps
-    /// of the series elsewhere.
+    /// Checks that no single value differs from both its neighbours, in the same direction, by more than `least`, by more than ten
+    /// times the steps of the series elsewhere, and by more than a motion of the speed `fastest` covers between the samples.
     ///
     /// # Errors
     /// [`Error::Table`] of the first one that does.
-    pub(crate) fn check_glitches(&self, path: &Path, column: &str, least: f64, unit: &str) -> Result<(), Error> {
+    pub(crate) fn check_glitches(
+        &self,
+        path: &Path,
+        column: &str,
+        least: f64,
+        fastest: f64,
+        unit: &str,
+    ) -> Result<(), Error> {
+        let Some(glitch) = self.glitches(least, fastest).next() else { return Ok(()) };
+        let expected = format!("single values within {:.3} {unit} of their neighbours: remove the row", glitch.most);
+        Err(table_error(path, column, glitch.line, glitch.found(unit), expected))
+    }
+
+    /// The single values that differ from both their neighbours, in the same direction, by more than `least`, by more than ten times
+    /// the steps of the series elsewhere, and by more than a motion of the speed `fastest` covers between the samples.
+    pub(crate) fn glitches(&self, least: f64, fastest: f64) -> impl Iterator<Item = Glitch> {
+        let clock = &self.clock;
         let known: Vec<(usize, f64)> =
             self.values.iter().enumerate().filter_map(|(place, value)| Some((place, (*value)?))).collect();
         let mut steps: Vec<f64> = known.windows(2).map(|pair| (pair[1].1 - pair[0].1).abs()).collect();
         let (part, fewest) = OF_GLITCHES;
-        let Some(usual) = steps.len().checked_sub(1 + fewest.max(steps.len() / part)) else { return Ok(()) };
-        let most = least.max(GLITCH * *steps.select_nth_unstable_by(usual, f64::total_cmp).1);
-        for window in known.windows(3) {
-            let (place, value) = window[1];
-            let (there, back) = (value - window[0].1, window[2].1 - value);
+        let usual = steps.len().checked_sub(1 + fewest.max(steps.len() / part));
+        let most = usual
+            .map_or(f64::INFINITY, |usual| least.max(GLITCH * *steps.select_nth_unstable_by(usual, f64::total_cmp).1));
+        (1..known.len().saturating_sub(1)).filter_map(move |middle| {
+            let [before, at, after] = [middle - 1, middle, middle + 1].map(|i| known[i]);
+            let [before_s, at_s, after_s] = [before, at, after].map(|(place, _)| clock.times_s[place]);
+            let most = most.max(fastest * (at_s - before_s).max(after_s - at_s));
+            let (there, back) = (at.1 - before.1, after.1 - at.1);
             let size = there.abs().min(back.abs());
-            if there * back < 0.0 && size > most && (there + back).abs() < 0.5 * size {
-                let found = format!("{value} {unit} between {} and {} {unit}", window[0].1, window[2].1);
-                let expected = format!("single values within {most:.3} {unit} of their neighbours: remove the row");
-                return Err(self.wrong(path, column, place, found, expected));
-            }
-        }
-        Ok(())
-    }
-
-    fn wrong(&self, path: &Path, column: &str, place: usize, found: String, expected: String) -> Error {
-        let place_in_row = format!("column `{column}`");
-        Error::Table { path: path.into(), line: self.clock.places[place], place: place_in_row, found, expected }
+            let is_glitch = there * back < 0.0 && size > most && (there + back).abs() < 0.5 * size;
+            is_glitch.then(|| Glitch { line: clock.places[at.0], values: [before.1, at.1, after.1], most })
+        })
     }
 
     /// Values at increasing times, interpolated linearly between known ones.
@@ -146,6 +178,10 @@ impl Series {
         };
         times_s.iter().map(interpolate).collect()
     }
+}
+
+fn table_error(path: &Path, column: &str, line: u64, found: String, expected: String) -> Error {
+    Error::Table { path: path.into(), line, place: format!("column `{column}`"), found, expected }
 }
 
 /// Instants of a trace.
@@ -303,17 +339,22 @@ mod tests {
             Series { clock: Rc::new(clock), values: values.iter().map(|value| Some(*value)).collect() }
         };
         let mut values: Vec<f64> = (0..20).map(|row| 0.01 * f64::from(row)).collect();
-        assert!(of(&values).check_glitches(path, "yaw", 0.1, "rad").is_ok());
-        // A lasting change is none.
+        let check = |values: &[f64], fastest| of(values).check_glitches(path, "yaw", 0.1, fastest, "rad");
+        assert!(check(&values, 1.0).is_ok());
+        // A lasting change is not a glitch.
         let stepped: Vec<f64> = values.iter().map(|value| if *value > 0.1 { value + 3.0 } else { *value }).collect();
-        assert!(of(&stepped).check_glitches(path, "yaw", 0.1, "rad").is_ok());
+        assert!(check(&stepped, 1.0).is_ok());
         values[7] += 3.0;
-        let error = of(&values).check_glitches(path, "yaw", 0.1, "rad").unwrap_err().to_string();
-        assert!(error.starts_with("log.csv:9: column `yaw`: found 3.07 rad between 0.06 and 0.08 rad, expected single values within 0.100 rad"), "{error}");
+        let error = check(&values, 1.0).unwrap_err().to_string();
+        assert!(error.starts_with("log.csv:9: column `yaw`: found 3.07 rad between 0.06 and 0.08 rad, expected single values within 1.000 rad"), "{error}");
+        // A fast motion between samples of 1 s.
+        assert!(check(&values, 4.0).is_ok());
         values[3] = 1e30;
         let error = of(&values).check_range(path, "yaw", 1e6, "rad").unwrap_err().to_string();
         assert!(
-            error.starts_with("log.csv:5: column `yaw`: found 1000000000000000000000000000000 rad, expected at most"),
+            error.starts_with(
+                "log.csv:5: column `yaw`: found 1000000000000000000000000000000 rad, expected a magnitude of at most"
+            ),
             "{error}"
         );
     }
@@ -325,7 +366,7 @@ mod tests {
         assert!(clock.push(path, 2, 0.5).unwrap());
         assert!(!clock.push(path, 3, 0.5).unwrap());
         let error = clock.push(path, 4, 0.4).unwrap_err().to_string();
-        assert_eq!(error, "log.csv:4: time: found 0.4 s after 0.5 s, expected the order of time");
+        assert_eq!(error, "log.csv:4: time: found 0.4 s after 0.5 s, expected times that do not decrease");
         let error = clock.push(path, 5, 1e11).unwrap_err().to_string();
         assert!(
             error.starts_with("log.csv:5: time: found 100000000000 s after the first row, expected at most"),

@@ -34,15 +34,36 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
         return Err(Error::value(path, "time", "a column", "`stamps` for a bag: `log` or `header`"));
     }
     let reader = Reader::open(path).map_err(converted)?;
+    let mut topics = Vec::new();
+    let first = read_fields(&reader, path, mapping, wanted, &mut topics);
+    if first.is_err() {
+        topics = topics_of(&reader)?;
+    }
+    // A column belongs to the topic with the longest name, which may appear after others.
+    let is_ambiguous =
+        |wanted: &Wanted<'_>| topics.iter().filter(|topic| within(wanted.name, topic).is_some()).count() > 1;
+    if wanted.iter().any(is_ambiguous) { read_fields(&reader, path, mapping, wanted, &mut topics) } else { first }
+}
+
+/// Reads fields of the messages with the known topics, to which those of the messages are added.
+fn read_fields(
+    reader: &Reader,
+    path: &Path,
+    mapping: &Mapping,
+    wanted: &[Wanted<'_>],
+    topics: &mut Vec<String>,
+) -> Result<ReadColumns, Error> {
     let column = |wanted| Column { wanted, clock: Clock::default(), values: Vec::new(), has_topic: false };
     let mut columns: Vec<Column<'_>> = wanted.iter().map(column).collect();
-    let topics = topics_of(&reader)?;
     let (mut digest, mut first_ns, mut repeated) = (Digest::default(), None, 0);
     for record in reader.records() {
         let record = record.map_err(converted)?;
+        if !topics.contains(&record.topic) {
+            topics.push(record.topic.clone());
+        }
         let mut message = None;
         for column in &mut columns {
-            let Some(field) = field_of(column.wanted.name, &record.topic, &topics) else { continue };
+            let Some(field) = field_of(column.wanted.name, &record.topic, topics) else { continue };
             column.has_topic = true;
             if message.is_none() {
                 digest.add(&record.topic).add(record.time_ns.to_le_bytes()).add(&record.data);
@@ -98,10 +119,14 @@ fn topics_of(reader: &Reader) -> Result<Vec<String>, Error> {
 
 /// Path of a field within the messages of a topic. `None` if the field belongs to another one of the topics.
 fn field_of<'a>(name: &'a str, topic: &str, topics: &[String]) -> Option<&'a str> {
-    let within = |topic: &str| name.strip_prefix(topic)?.strip_prefix('/');
-    let field = within(topic)?;
-    let is_shortest = topics.iter().filter_map(|other| within(other)).all(|other| other.len() >= field.len());
+    let field = within(name, topic)?;
+    let is_shortest = topics.iter().filter_map(|other| within(name, other)).all(|other| other.len() >= field.len());
     is_shortest.then_some(field)
+}
+
+/// Path of a field if its name begins with this topic.
+fn within<'a>(name: &'a str, topic: &str) -> Option<&'a str> {
+    name.strip_prefix(topic)?.strip_prefix('/')
 }
 
 fn converted(error: bag::Error) -> Error {
