@@ -174,7 +174,7 @@ impl Trial {
         let gate = calibrated.file.gate();
         let moments = recording.instants.iter().map(|now| now.moment_z_n_m);
         let largest_n_m = moments.filter(|moment| gate.admits(*moment)).map(f64::abs).fold(0.0, f64::max);
-        let fraction = noise.unwrap_or_else(|| front_end.default_noise(sidecar));
+        let fraction = noise.unwrap_or_else(|| front_end.row.default_noise(sidecar));
         let added_sd_n_m = noise_sd_n_m.unwrap_or(fraction * largest_n_m);
         let path = &calibrated.path;
         let reading = Reading { front_end: &front_end, path, calibration: &calibrated.file, added_sd_n_m, seed };

@@ -142,3 +142,16 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     file.write_all(bytes).map_err(Error::io(path))?;
     file.finish()
 }
+/// Checks that an output does not replace a file of another kind: there is no file of this name, or an empty one, or `is_own`
+/// holds of it.
+///
+/// # Errors
+/// [`Error::Foreign`] if there is another file.
+pub fn check_replaces_own(out: &Path, kind: &str, is_own: impl FnOnce(&Path) -> bool) -> Result<(), Error> {
+    match fs::metadata(out) {
+        Ok(found) if !found.is_file() || (found.len() > 0 && !is_own(out)) => {
+            Err(Error::Foreign { path: out.into(), kind: kind.into() })
+        }
+        _ => Ok(()),
+    }
+}

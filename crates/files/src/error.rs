@@ -46,6 +46,18 @@ pub enum Error {
         /// Message of the parser.
         message: String,
     },
+    /// An output would replace a file of another kind.
+    #[error(
+        "{}: found something other than {kind}, expected such a file or none, since the output would replace it; give \
+         another --out, or remove it",
+        at(path)
+    )]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// Kind of the output.
+        kind: String,
+    },
     /// A well-formed value is invalid.
     #[error("{}: {}: found {}, expected {}", at(path), shown(key), shown(found), shown(expected))]
     Value {

@@ -29,11 +29,11 @@ mod lock;
 pub mod table;
 mod watermark;
 
-pub use atomic::{AtomicFile, remove_temporary, write_atomically};
+pub use atomic::{AtomicFile, check_replaces_own, remove_temporary, write_atomically};
 pub use bounded::read_table;
 pub use digest::{Digest, hexadecimal, sha256, sha256_of_file};
 pub use error::Error;
-pub use json::{read_json, write_json};
+pub use json::{is_of_kind, read_json, write_json};
 pub use lock::{OutputLock, resolved};
 pub use watermark::Watermark;
 

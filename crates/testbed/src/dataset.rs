@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
-use files::read_json;
+use files::{is_of_kind, read_json};
 use serde_json::Value;
 use trace::{
     ArrayRecording, ArraySidecar, RandomDraws, Role, SceneDifference, Sidecar, SpatialSidecar, Suite, SuiteRun, Trace,
@@ -103,7 +103,7 @@ impl Dataset {
                     path.display(),
                     path.with_extension("json").display()
                 );
-            } else if is_json && !path.with_extension("csv").is_file() && is_sidecar(&path) {
+            } else if is_json && !path.with_extension("csv").is_file() && is_of_kind(&path, "trace") {
                 bail!(
                     "{}: found a sidecar without its trace, expected {}; restore it, or move the sidecar elsewhere",
                     path.display(),
@@ -184,7 +184,8 @@ impl Dataset {
         Ok(true)
     }
 
-    /// Default measurement noise to add to every trial of datasets, see [`FrontEnd::default_noise`].
+    /// Default measurement noise to add to every trial of datasets, see
+    /// [`FrontEndRow::default_noise`](crate::front_end::FrontEndRow::default_noise).
     ///
     /// # Errors
     /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together among the
@@ -196,7 +197,7 @@ impl Dataset {
             if sidecar.role != Role::Trial {
                 continue;
             }
-            let own = front_end.default_noise(&sidecar);
+            let own = front_end.row.default_noise(&sidecar);
             if *noise.get_or_insert(own) != own {
                 bail!(
                     "{}: found recordings and simulated traces together, expected one kind, since noise is added to \
@@ -240,11 +241,6 @@ fn random_names(folder: &Path, suite: &str, random: &RandomDraws) -> anyhow::Res
     names.sort();
     names.extend(trials);
     Ok(names)
-}
-
-/// Whether a JSON file is the sidecar of a trace, in the plane or in space.
-fn is_sidecar(path: &Path) -> bool {
-    read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace")
 }
 
 /// Role of a trace, in the plane or in space.

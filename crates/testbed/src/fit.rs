@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
-use files::{Watermark, read_json, write_atomically, write_json};
+use anyhow::{Context, bail};
+use files::{Watermark, check_replaces_own, read_json, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
@@ -287,17 +287,13 @@ impl WhiskerFit<'_> {
 ///
 /// # Errors
 /// If there is another file.
-pub(crate) fn check_replaces_calibration(path: &Path, format: u32) -> anyhow::Result<()> {
-    let Some(found) = path.symlink_metadata().ok().filter(|found| !found.is_symlink()) else { return Ok(()) };
-    let is_own =
-        || read_json::<Value>(path).is_ok_and(|file| file["kind"] == "calibration" && file["format"] == format);
-    ensure!(
-        found.is_file() && (found.len() == 0 || is_own()),
-        "{}: found something other than a calibration of format {format}, expected such a file or none, since the fit would \
-         replace it; give another --out, or remove it",
-        path.display()
-    );
-    Ok(())
+pub(crate) fn check_replaces_calibration(path: &Path, format: u32) -> Result<(), files::Error> {
+    if path.is_symlink() {
+        return Ok(());
+    }
+    check_replaces_own(path, &format!("a calibration of format {format}"), |path| {
+        read_json::<Value>(path).is_ok_and(|file| file["kind"] == "calibration" && file["format"] == format)
+    })
 }
 
 /// A calibration trace as the sensor read it.

@@ -112,7 +112,7 @@ impl Series {
     /// Checks that the magnitude of each value is at most `most`.
     ///
     /// # Errors
-    /// [`Error::Table`] of the first other one.
+    /// [`Error::Table`] at the first value that is larger.
     pub(crate) fn check_range(&self, path: &Path, column: &str, most: f64, unit: &str) -> Result<(), Error> {
         let is_larger = |value: &Option<f64>| value.is_some_and(|value| value.abs() > most);
         let Some(place) = self.values.iter().position(is_larger) else { return Ok(()) };

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use testbed::results::read_rows;
 use testbed::space::files::{SUMMARY, TRIALS};
 use testbed::space::{
     SpatialEstimateRow, SpatialRun, SpatialRunTrial, evaluate::SpatialSummaryRow, evaluate::SpatialTrialRow,
@@ -25,8 +26,8 @@ impl Data {
     /// When a table is missing or damaged or has no rows.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>> {
         let Some(run) = SpatialRun::read(folder)? else { return Ok(None) };
-        let summary = scored(&SUMMARY.path(folder), |_| SpatialRun::summary(folder))?;
-        let trials = scored(&TRIALS.path(folder), |_| SpatialRun::trials(folder))?;
+        let summary = scored(&SUMMARY.path(folder), read_rows)?;
+        let trials = scored(&TRIALS.path(folder), read_rows)?;
         Ok(Some(Self { folder: folder.into(), run, summary, trials }))
     }
 

@@ -41,6 +41,14 @@ pub struct FrontEndRow {
     build: fn(&Value) -> anyhow::Result<Box<dyn Chain>>,
 }
 
+impl FrontEndRow {
+    /// Default measurement noise as a fraction of the largest reading; 0 for recordings of real sensors, which contain
+    /// their own.
+    pub fn default_noise(&self, sidecar: &Sidecar) -> f64 {
+        if sidecar.recorded.is_some() { 0.0 } else { self.noise }
+    }
+}
+
 /// Registry of front ends; the first is the default.
 pub const FRONT_ENDS: &[FrontEndRow] = &[
     FrontEndRow {
@@ -102,12 +110,6 @@ impl FrontEnd {
     /// Whether readings depend on the seed even without added noise.
     pub fn is_noisy(&self) -> bool {
         self.chain.has_sensor()
-    }
-
-    /// Default measurement noise as a fraction of the largest reading; 0 for recordings of real sensors, which contain
-    /// their own.
-    pub fn default_noise(&self, sidecar: &Sidecar) -> f64 {
-        if sidecar.recorded.is_some() { 0.0 } else { self.row.noise }
     }
 
     /// Checks that a trace may be read through this front end.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -60,25 +60,32 @@ pub struct SpatialEvaluateSettings {
     pub programs: Vec<Program>,
 }
 
+/// Calibrations and their paths, by the name of the whisker.
+pub(super) type Calibrations = BTreeMap<String, (PathBuf, SpatialCalibrationFile)>;
+
 impl SpatialEvaluateSettings {
-    /// Calibration of a whisker and its path. It was fitted to the present calibration traces, all of those of the dataset if it lies
-    /// beside them.
+    /// Calibrations of the whiskers of a dataset's trials. They were fitted to the present calibration traces, to all of those of the
+    /// dataset if they lie beside them.
     ///
     /// # Errors
-    /// As [`read_calibration`] and [`check_fitted_to_all`].
-    pub(super) fn calibration(
-        &self,
-        dataset: &Dataset,
-        whisker: &str,
-    ) -> anyhow::Result<(PathBuf, SpatialCalibrationFile)> {
+    /// As [`read_calibration`] and [`check_fitted_to_all`], and if a sidecar cannot be read.
+    pub(super) fn calibrations(&self, dataset: &Dataset) -> anyhow::Result<Calibrations> {
         let default = || dataset.calibrations(FRONT_ENDS[0].name);
         let folder = self.calibrations.clone().unwrap_or_else(default);
-        let path = folder.join(format!("{whisker}.json"));
-        let file = read_calibration(&path)?;
-        if self.calibrations.is_none() {
-            check_fitted_to_all(&path, &file, dataset)?;
+        let mut found = Calibrations::new();
+        for path in &dataset.paths {
+            let SpatialSidecar { role, whisker, .. } = SpatialSidecar::read(path)?;
+            if role != Role::Trial || found.contains_key(&whisker.name) {
+                continue;
+            }
+            let path = folder.join(format!("{}.json", whisker.name));
+            let file = read_calibration(&path)?;
+            if self.calibrations.is_none() {
+                check_fitted_to_all(&path, &file, dataset)?;
+            }
+            found.insert(whisker.name, (path, file));
         }
-        Ok((path, file))
+        Ok(found)
     }
 }
 
@@ -270,18 +277,20 @@ pub fn evaluate(
     settings: &SpatialEvaluateSettings,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
-    evaluate_keeping(dataset, settings, None, progress)
+    evaluate_keeping(dataset, settings, &settings.calibrations(dataset)?, None, progress)
 }
 
-/// As [`evaluate()`], and writes the estimates with the first seed, at up to [`KEPT`] instants of every trial, into the folder of a run.
+/// As [`evaluate()`], with calibrations that have been read, and writes the estimates with the first seed, at up to [`KEPT`] instants of
+/// every trial, into the folder of a run.
 pub(super) fn evaluate_keeping(
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,
+    calibrations: &Calibrations,
     estimates: Option<&Path>,
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
     let participants = participants(settings)?;
-    let prepared = prepared(dataset, settings)?;
+    let prepared = prepared(dataset, settings, calibrations)?;
     settings.programs.iter().try_for_each(Program::check_starts)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
     let work: Vec<(&Prepared, u64)> =
@@ -309,7 +318,11 @@ pub(super) fn evaluate_keeping(
     Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times, failures })
 }
 
-fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Vec<Prepared>> {
+fn prepared(
+    dataset: &Dataset,
+    settings: &SpatialEvaluateSettings,
+    calibrations: &Calibrations,
+) -> anyhow::Result<Vec<Prepared>> {
     let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
@@ -325,8 +338,13 @@ fn prepared(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Re
         if faces.contains_key(name) {
             continue;
         }
-        let (path, file) = settings.calibration(dataset, name)?;
-        faces.insert(name.clone(), calibrated(&path, &file, &trace.sidecar)?);
+        let (path, file) = calibrations.get(name).with_context(|| {
+            format!(
+                "{}: found the whisker `{name}`, expected one of the dataset as it was first read",
+                trace.sidecar.name
+            )
+        })?;
+        faces.insert(name.clone(), calibrated(path, file, &trace.sidecar)?);
     }
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();

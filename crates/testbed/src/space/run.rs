@@ -13,7 +13,8 @@ use whisker::Whisker;
 
 use super::SpatialEstimateRow;
 use super::evaluate::{
-    SpatialEvaluateSettings, SpatialEvaluated, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, evaluate_keeping,
+    Calibrations, SpatialEvaluateSettings, SpatialEvaluated, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow,
+    evaluate_keeping,
 };
 use super::files::{
     ESTIMATES, FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES, TRIALS,
@@ -74,23 +75,23 @@ pub struct SpatialRun {
 }
 
 impl SpatialRun {
-    /// Description of the run that a dataset and settings determine.
+    /// Description of the run that a dataset and settings determine, and the calibrations that it reads.
     ///
     /// # Errors
     /// If an input cannot be read, or an estimator is unknown or its settings are invalid.
-    fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<Self> {
+    fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<(Self, Calibrations)> {
         let estimators = described(settings)?;
         let (mut trials, mut data) = (Vec::new(), Vec::new());
-        let mut calibrations: BTreeMap<String, String> = BTreeMap::new();
+        let calibrations = settings.calibrations(dataset)?;
+        let mut hashes: BTreeMap<&str, String> = BTreeMap::new();
+        for (whisker, (path, _)) in &calibrations {
+            hashes.insert(whisker, sha256_of_file(path)?);
+        }
         for path in &dataset.paths {
             let sidecar = SpatialSidecar::read(path)?;
             if sidecar.role == Role::Trial {
                 data.push(sidecar.data_sha256());
-                if !calibrations.contains_key(&sidecar.whisker.name) {
-                    let (path, _) = settings.calibration(dataset, &sidecar.whisker.name)?;
-                    calibrations.insert(sidecar.whisker.name.clone(), sha256_of_file(&path)?);
-                }
-                data.push(calibrations[&sidecar.whisker.name].clone());
+                data.push(hashes[sidecar.whisker.name.as_str()].clone());
                 let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
                 let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
                 let solid = scene.get("solid").cloned().unwrap_or_default();
@@ -98,14 +99,15 @@ impl SpatialRun {
             }
         }
         data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &estimators))?);
-        Ok(Self {
+        let run = Self {
             watermark: evaluation_watermark(data.iter().map(String::as_str)),
             name: dataset.name.clone(),
             noise: settings.noise,
             seeds: settings.seeds.clone(),
             estimators,
             trials,
-        })
+        };
+        Ok((run, calibrations))
     }
 
     /// Reads the description of the run in a folder. `None` if the folder holds no run in space.
@@ -295,7 +297,7 @@ pub fn evaluate_into(
 ) -> anyhow::Result<SpatialWritten> {
     restore(folder)?;
     ResultsKind::SpatialRun.check_may_replace(folder)?;
-    let run = SpatialRun::new(dataset, settings)?;
+    let (run, calibrations) = SpatialRun::new(dataset, settings)?;
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
             && run.is_complete(folder)
@@ -310,7 +312,7 @@ pub fn evaluate_into(
         }
     }
     let part = PartFolder::open(folder, &run.watermark.inputs_sha256)?;
-    let evaluated = match write(part.path(), dataset, settings, &run, progress) {
+    let evaluated = match write(part.path(), dataset, settings, (&run, &calibrations), progress) {
         Ok(evaluated) => evaluated,
         Err(error) => {
             part.discard()?;
@@ -327,10 +329,10 @@ fn write(
     folder: &Path,
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,
-    run: &SpatialRun,
+    (run, calibrations): (&SpatialRun, &Calibrations),
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
-    let evaluated = evaluate_keeping(dataset, settings, Some(folder), progress)?;
+    let evaluated = evaluate_keeping(dataset, settings, calibrations, Some(folder), progress)?;
     write_maps(folder, run)?;
     write_atomically(&TRIALS.path(folder), &csv_bytes(&evaluated.trials)?)?;
     write_atomically(&SUMMARY.path(folder), &csv_bytes(&evaluated.summary)?)?;

@@ -6,13 +6,13 @@ use std::process::ExitCode;
 use std::slice;
 
 use anyhow::{Context, bail};
-use files::{Error, read_json, write_atomically};
+use files::{Error, check_replaces_own, read_json, write_atomically};
 use importers::{IMPORTERS, importer};
 use serde_json::Value;
 use testbed::plausibility::Subject;
 use trace::{Outline, Role, Trace, is_trace_table};
 
-use super::output::{check_replaces_own, reserve_folder};
+use super::output::reserve_folder;
 use super::progress::Progress;
 use super::{FINISHED_WITH_FAILURES, print, table};
 
@@ -88,7 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 ///
 /// # Errors
 /// If one of its two files is there and is none of this importer.
-fn check_replaces_imported(path: &Path, trace: &Trace) -> anyhow::Result<()> {
+fn check_replaces_imported(path: &Path, trace: &Trace) -> Result<(), Error> {
     check_replaces_own(path, "a trace", |path| is_trace_table(path).unwrap_or(false))?;
     let generator = &trace.sidecar.generator.name;
     let kind = format!("the sidecar of a trace that `whisker import {generator}` wrote");

@@ -5,8 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use files::{OutputLock, read_json, resolved};
-use serde_json::Value;
+use files::{OutputLock, resolved};
 use trace::Sidecar;
 
 /// Exclusive access to an output that is none of the inputs and lies in none of them. Waits, with a note on stderr,
@@ -62,32 +61,11 @@ pub(super) fn check_apart(out: &Path, inputs: &[PathBuf]) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// Checks that a command does not replace a file of another kind: there is no file of this name, or an empty one, or `is_own`
-/// holds of it.
-///
-/// # Errors
-/// If there is another file, with the expected kind.
-pub(super) fn check_replaces_own(out: &Path, kind: &str, is_own: impl FnOnce(&Path) -> bool) -> anyhow::Result<()> {
-    let Ok(found) = fs::metadata(out) else { return Ok(()) };
-    ensure!(
-        found.is_file() && (found.len() == 0 || is_own(out)),
-        "{}: found something other than {kind}, expected such a file or none, since the output would replace it; give \
-         another --out, or remove it",
-        out.display()
-    );
-    Ok(())
-}
-
 /// Whether a file begins with these bytes.
 pub(super) fn begins_with(path: &Path, bytes: &[u8]) -> bool {
     let mut found = Vec::new();
     let read = File::open(path).and_then(|file| file.take(bytes.len() as u64).read_to_end(&mut found));
     read.is_ok() && found == bytes
-}
-
-/// Whether a JSON file states this `kind`.
-pub(super) fn is_of_kind(path: &Path, kind: &str) -> bool {
-    read_json::<Value>(path).is_ok_and(|value| value["kind"] == kind)
 }
 
 /// Whether a path is another or lies in it.

@@ -149,7 +149,7 @@ impl Arguments {
                 largest = largest.max(moment_n_m.abs());
             }
         }
-        let noise = self.noise.unwrap_or_else(|| front_end.default_noise(&sidecar));
+        let noise = self.noise.unwrap_or_else(|| front_end.row.default_noise(&sidecar));
         let added_sd_n_m = noise * largest;
         let reader = match front_end.reader(&sidecar, added_sd_n_m, self.seed) {
             Some(reader) => reader,

@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use files::AtomicFile;
+use files::{AtomicFile, check_replaces_own};
 use testbed::front_end::Reader;
 use testbed::replay::Steps;
 use testbed::results::{EstimateRow, Table, csv_bytes, estimate_row};
@@ -13,7 +13,7 @@ use whisker::estimators::{Estimate, Estimator, Knowledge};
 use whisker::events::Signals;
 use whisker::sensor::Face;
 
-use super::output::{begins_with, check_replaces_own, files_of_trace, reserve};
+use super::output::{begins_with, files_of_trace, reserve};
 use super::played::{self, check_trace};
 use super::progress::Progress;
 use super::space::replay_in_space;

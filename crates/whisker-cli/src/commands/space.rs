@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use files::write_atomically;
+use files::{check_replaces_own, write_atomically};
 use nalgebra::Vector2;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
@@ -22,7 +22,7 @@ use trace::{Sidecar, SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
-use super::output::{begins_with, check_replaces_own, reserve};
+use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
 use super::{print, table};
@@ -102,9 +102,7 @@ impl ReplayNoise {
 
     /// That of a planar trace, which may be a recording.
     fn of(planar: &Sidecar) -> Self {
-        let is_recorded = planar.recorded.is_some();
-        let default = if is_recorded { 0.0 } else { FRONT_ENDS[0].noise };
-        Self { default, own_sd_n_m: planar.own_noise_sd_n_m() }
+        Self { default: FRONT_ENDS[0].default_noise(planar), own_sd_n_m: planar.own_noise_sd_n_m() }
     }
 }
 

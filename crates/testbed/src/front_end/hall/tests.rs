@@ -220,7 +220,7 @@ fn robust_recordings_of_real_sensors_are_rejected() {
     assert!(error.contains("golden_pin") && error.contains("recording of a real sensor"), "{error}");
     let white = FrontEnd::new(&FrontEndConfig::default()).unwrap();
     white.check_trace(&trace.sidecar).unwrap();
-    assert_eq!(white.default_noise(&trace.sidecar), 0.0);
+    assert_eq!(white.row.default_noise(&trace.sidecar), 0.0);
 }
 
 #[test]

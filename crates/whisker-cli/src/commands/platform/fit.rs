@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use files::{check_replaces_own, is_of_kind};
 use platform::calibration::regression::{REGRESSIONS, RegressionRow, by_places};
 use platform::calibration::{Calibration, Error, KIND, LabelledPress};
 use testbed::provenance::watermark;
 
-use super::super::output::{check_replaces_own, is_of_kind, reserve};
+use super::super::output::reserve;
 use super::super::{print, table::millimetres};
 use super::logs::{LogArguments, Validating, row};
 
