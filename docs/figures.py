@@ -8,7 +8,8 @@ A measured value stands between two comments, of which the first names its sourc
 
 Between the first comment's `=` and its end stand, separated by spaces:
 
-1. optionally `min`, `max`, `median`, `p5`, `p95` (percentiles), `sum` or `count`, applied to all values whose keys match;
+1. optionally `min`, `max`, `median`, `p5`, `p95` (percentiles), `rms` (root mean square), `sum` or `count`, applied to all values whose
+   keys match;
 2. the key: the table, a dot, and the cells of its key columns and the name of a column, joined by `/`. Without a column, that of
    the measured value. Within a cell, `*` stands for any characters; `0.5..1` stands for all numbers of that range. Spaces are
    written as `_`;
@@ -74,6 +75,8 @@ class Table:
 TABLES = {
     "claims": Table("claims.csv", ("id",), "measured"),
     "certainty": Table("certainty/claims.csv", ("id",), "measured"),
+    "quantity_claims": Table("quantities/claims.csv", ("id",), "measured"),
+    "quantities": Table("*/quantities.csv", ("trace", "quantity", "estimator", "seed"), of_runs=True),
     "physics": Table("physics/claims.csv", ("id",), "measured"),
     "measured": Table("measured.csv", ("id",), "measured"),
     "peers": Table("peers.csv", ("filter", "other")),
@@ -116,6 +119,7 @@ REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "median": statistics.median,
     "p5": functools.partial(at_share, 0.05),
     "p95": functools.partial(at_share, 0.95),
+    "rms": lambda found: math.sqrt(statistics.fmean(value * value for value in found)),
     "sum": sum,
     "count": len,
 }
@@ -264,10 +268,12 @@ def bound(row: dict[str, str]) -> str:
 
 GENERATED: dict[str, Callable[[], str]] = {
     "certainty_claims": functools.partial(claims_of, "certainty"),
+    "quantity_claims": functools.partial(claims_of, "quantities"),
     "space_claims": functools.partial(claims_of, "spatial"),
     "unmet_claims": unmet_claims,
     "unmet_count": unmet_count,
     "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
+    "quantity_unmet_count": functools.partial(unmet_count, "quantities"),
     "space_unmet_count": functools.partial(unmet_count, "spatial"),
     "physics_unmet_count": functools.partial(unmet_count, "physics"),
 }

@@ -40,8 +40,7 @@ impl Estimate {
     /// Posterior covariance of the contact (2, 2), in Base (m2). `None` for methods without one.
     #[getter]
     fn covariance_m2<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
-        let p = self.estimate.covariance_m2?;
-        Some(numpy::ndarray::arr2(&[[p[(0, 0)], p[(0, 1)]], [p[(1, 0)], p[(1, 1)]]]).to_pyarray(py))
+        Some(square(py, &self.estimate.covariance_m2?))
     }
 
     /// Point (2) of the object's surface, in Base (m): the contact shifted by the wire's radius towards the object.
@@ -107,6 +106,30 @@ impl Estimate {
         self.estimate.friction.map(|friction| friction.sd)
     }
 
+    /// Velocity of the object relative to the world (2), in Base (m/s), under the assumption that it moves. `None` if the method does
+    /// not estimate it, or holds it improbable that the object moves.
+    #[getter]
+    fn velocity_m_s<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        Some(PyArray1::from_slice(py, self.estimate.velocity?.velocity_m_s.as_slice()))
+    }
+
+    /// Covariance of `velocity_m_s` (2, 2), in m2/s2.
+    #[getter]
+    fn velocity_covariance_m2_s2<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        Some(square(py, &self.estimate.velocity?.covariance_m2_s2))
+    }
+
+    /// Deviation of the sensor from its calibration, under the assumption that gain and mounting deviate: value and standard deviation
+    /// by name. `gain` is the relative error of the gain; `mount_rad`, `mount_x_m` and `mount_y_m` are the pose of the calibrated Base
+    /// in the actual one. `None` if the method does not estimate it, or holds it improbable that the sensor deviates.
+    #[getter]
+    fn deviation<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(found) = self.estimate.installation else { return Ok(None) };
+        let deviation = PyDict::new(py);
+        found.by_name().into_iter().try_for_each(|(name, found)| deviation.set_item(name, (found.value, found.sd)))?;
+        Ok(Some(deviation))
+    }
+
     /// Probabilities of the competing models by name, in descending order. `None` if the method has one model only.
     #[getter]
     fn models<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
@@ -138,6 +161,10 @@ impl Estimate {
 
 fn array<'py>(py: Python<'py>, point: Point<Base>) -> Bound<'py, PyArray1<f64>> {
     PyArray1::from_slice(py, &[point.x(), point.y()])
+}
+
+fn square<'py>(py: Python<'py>, p: &Matrix2<f64>) -> Bound<'py, PyArray2<f64>> {
+    numpy::ndarray::arr2(&[[p[(0, 0)], p[(0, 1)]], [p[(1, 0)], p[(1, 1)]]]).to_pyarray(py)
 }
 
 /// Estimate that an estimator written in Python returned: `None`, an `Estimate`, or an object with the attributes

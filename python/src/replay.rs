@@ -165,7 +165,7 @@ impl Replay {
     }
 
     /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius,
-    /// friction and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip`, `model_doubtful` and
+    /// friction, velocity of the object, deviation of the sensor and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip`, `model_doubtful` and
     /// `second_contact`, where there is no value.
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -192,6 +192,18 @@ impl Replay {
             ("radius_sd_m", numbers(|row| row.radius_sd_m)),
             ("friction", numbers(|row| row.friction)),
             ("friction_sd", numbers(|row| row.friction_sd)),
+            ("object_vx_m_s", numbers(|row| row.object_vx_m_s)),
+            ("object_vx_sd_m_s", numbers(|row| row.object_vx_sd_m_s)),
+            ("object_vy_m_s", numbers(|row| row.object_vy_m_s)),
+            ("object_vy_sd_m_s", numbers(|row| row.object_vy_sd_m_s)),
+            ("gain", numbers(|row| row.gain)),
+            ("gain_sd", numbers(|row| row.gain_sd)),
+            ("mount_rad", numbers(|row| row.mount_rad)),
+            ("mount_sd_rad", numbers(|row| row.mount_sd_rad)),
+            ("mount_x_m", numbers(|row| row.mount_x_m)),
+            ("mount_x_sd_m", numbers(|row| row.mount_x_sd_m)),
+            ("mount_y_m", numbers(|row| row.mount_y_m)),
+            ("mount_y_sd_m", numbers(|row| row.mount_y_sd_m)),
             ("models", texts(py, rows.iter().map(|row| row.models.as_deref().unwrap_or("")))?),
             ("model_doubtful", flags(|row| row.model_doubtful)),
             ("second_contact", flags(|row| row.second_contact)),

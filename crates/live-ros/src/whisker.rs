@@ -8,7 +8,7 @@ use testbed::contour::Contour;
 use testbed::map::{Observer, View};
 use trace::Instant;
 use whisker::elastica::Elastica;
-use whisker::estimators::Knowledge;
+use whisker::estimators::{Installation, Knowledge, Uncertain};
 use whisker::frames::{Base, Point};
 
 use crate::chain::{Chain, Measured, Plane};
@@ -333,6 +333,10 @@ impl Whisker {
             values.push(("counts_incomplete", counts.incomplete.to_string()));
             values.push(("counts_late", counts.late.to_string()));
         }
+        let deviation = self.last.as_ref().and_then(|answer| answer.estimate?.installation);
+        values.extend(deviation.iter().flat_map(Installation::by_name).map(|(name, Uncertain { value, sd })| {
+            (name, format!("{value:.2e} (standard deviation {sd:.1e})"))
+        }));
         let values = values.into_iter().map(|(key, value)| KeyValue { key: key.into(), value }).collect();
         DiagnosticStatus {
             level,

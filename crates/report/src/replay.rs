@@ -228,31 +228,14 @@ mod tests {
 
     fn row(contact: Option<(f64, f64)>) -> EstimateRow {
         EstimateRow {
-            t_s: 0.0,
             base_x_m: 0.1,
-            base_y_m: 0.0,
             base_yaw_rad: std::f64::consts::FRAC_PI_2,
-            reading_n_m: 0.0,
-            contact_x_m: None,
-            contact_y_m: None,
-            surface_x_m: None,
-            surface_y_m: None,
             cov_xx_m2: Some(4e-8),
             cov_xy_m2: Some(0.0),
             cov_yy_m2: Some(1e-8),
-            calibrated: None,
-            at_tip: None,
-            radius_m: None,
-            radius_sd_m: None,
-            friction: None,
-            friction_sd: None,
-            models: None,
-            model_doubtful: None,
-            second_contact: None,
             truth_contact_x_m: contact.map(|contact| contact.0),
             truth_contact_y_m: contact.map(|contact| contact.1),
-            truth_surface_x_m: None,
-            truth_surface_y_m: None,
+            ..EstimateRow::default()
         }
     }
 

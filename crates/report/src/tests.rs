@@ -343,17 +343,11 @@ fn estimate(step: u32, error_m: f64) -> EstimateRow {
         cov_yy_m2: at(error_m * error_m),
         calibrated: touching.then_some(true),
         at_tip: touching.then_some(false),
-        radius_m: None,
-        radius_sd_m: None,
-        friction: None,
-        friction_sd: None,
-        models: None,
-        model_doubtful: None,
-        second_contact: None,
         truth_contact_x_m: at(0.05),
         truth_contact_y_m: at(0.0),
         truth_surface_x_m: at(0.05),
         truth_surface_y_m: at(0.0),
+        ..EstimateRow::default()
     }
 }
 

@@ -19,8 +19,8 @@ use testbed::front_end::FrontEndConfig;
 use testbed::metrics::{Scores, consistency, error};
 use testbed::noise::NoiseUnit;
 use testbed::participant::Program;
-use testbed::results::files::{Writer, run_file};
-use testbed::results::{RUN_FILES, Run, TrialRow, read_scores};
+use testbed::results::files::{ESTIMATES, QUANTITIES, Writer, run_file};
+use testbed::results::{EstimateRow, QuantityRow, RUN_FILES, Run, TrialRow, read_rows, read_scores};
 use trace::{CalibrationFile, Miscalibration, ReplayEffects, Role, Sidecar, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
 use whisker::frames::Pose;
@@ -294,6 +294,43 @@ fn verif_miscalibrations_are_trials_of_their_own() {
     let stated = scores_of(alone.path(), "pin");
     assert_eq!(stated, scores_of(with.path(), "pin_gain_5e-2"), "half of the stated noise of 2 % is 1 %");
     assert_eq!(stated.len(), 1);
+}
+
+/// The quantities of the last estimate stand beside the deviations with which a trial was replayed, with their bounds.
+#[test]
+fn verif_stated_quantities_are_compared_with_the_deviations() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    fitted(&dataset, &FrontEndConfig::default(), &dataset.calibrations("white"));
+    let dataset = dataset.only(&["pin".into()]);
+    let deviation = Miscalibration { gain: 0.02, mount_y_m: -1e-4, ..Miscalibration::default() };
+    let settings = EvaluateSettings {
+        estimators: Some(["installed", "drifting", "ekf"].map(String::from).into()),
+        miscalibrations: vec![deviation],
+        ..settings(results.path())
+    };
+    let evaluated = evaluate(slice::from_ref(&dataset), &settings, &ProgressBar::hidden()).unwrap();
+    let rows: Vec<QuantityRow> = read_rows(&QUANTITIES.path(&evaluated.folder)).unwrap();
+    let found: Vec<_> = rows.iter().map(|row| (row.estimator.as_str(), row.quantity.as_str(), row.truth)).collect();
+    let expected = [
+        ("installed", "gain", 0.02),
+        ("installed", "mount_rad", 0.0),
+        ("installed", "mount_x_m", 0.0),
+        ("installed", "mount_y_m", -1e-4),
+        ("drifting", "object_vx_m_s", 0.0),
+        ("drifting", "object_vy_m_s", 0.0),
+    ];
+    assert_eq!(found, expected);
+    assert!(rows.iter().all(|row| (row.error - (row.estimate - row.truth)).abs() < 1e-15 && row.sd > 0.0), "{rows:?}");
+    assert!(rows.iter().all(|row| row.error.abs() < 4.0 * row.sd), "{rows:?}");
+    // The object rests, so that its velocity has no bound; the stated deviation is no more certain than the bound allows.
+    assert!(rows.iter().all(|row| row.bound.is_none() == row.quantity.starts_with("object_") && row.contact_s > 0.5));
+    assert!(rows.iter().all(|row| row.bound.is_none_or(|bound| bound < 1.1 * row.sd)), "{rows:?}");
+    let estimates: Vec<EstimateRow> =
+        read_rows(&ESTIMATES.path_of(&evaluated.folder, &[&rows[0].trace, "installed"])).unwrap();
+    let last = estimates.iter().rev().find(|row| row.gain.is_some()).unwrap();
+    assert_eq!((last.gain, last.gain_sd), (Some(rows[0].estimate), Some(rows[0].sd)));
+    assert_eq!((last.mount_y_m, last.mount_y_sd_m), (Some(rows[3].estimate), Some(rows[3].sd)));
 }
 
 /// A filter places its contacts where they explain the readings, also those of a sensor with another gain, which the true contacts do

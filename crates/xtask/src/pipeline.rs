@@ -68,6 +68,19 @@ const MISCALIBRATIONS: &[&str] = &[
     r#"{"stiffness": 0.05}"#,
 ];
 
+/// Deviations of gain and mounting together: half of the combinations of two values of opposite signs of each, so that no two of them
+/// are correlated. The values are the root mean squares of those that the random suites draw, as are the priors of the bound.
+const INSTALLATIONS: &[&str] = &[
+    r#"{"gain": 0.021, "mount_rad": 0.004, "mount_x_m": 0.00014, "mount_y_m": 0.00014}"#,
+    r#"{"gain": 0.021, "mount_rad": 0.004, "mount_x_m": -0.00014, "mount_y_m": -0.00014}"#,
+    r#"{"gain": 0.021, "mount_rad": -0.004, "mount_x_m": 0.00014, "mount_y_m": -0.00014}"#,
+    r#"{"gain": 0.021, "mount_rad": -0.004, "mount_x_m": -0.00014, "mount_y_m": 0.00014}"#,
+    r#"{"gain": -0.021, "mount_rad": 0.004, "mount_x_m": 0.00014, "mount_y_m": -0.00014}"#,
+    r#"{"gain": -0.021, "mount_rad": 0.004, "mount_x_m": -0.00014, "mount_y_m": 0.00014}"#,
+    r#"{"gain": -0.021, "mount_rad": -0.004, "mount_x_m": 0.00014, "mount_y_m": 0.00014}"#,
+    r#"{"gain": -0.021, "mount_rad": -0.004, "mount_x_m": -0.00014, "mount_y_m": -0.00014}"#,
+];
+
 /// Options of an evaluation with the noise that each trace states.
 const AS_STATED: [&str; 6] = ["--noise", "1", "--noise-unit", "stated", "--seeds", "1"];
 
@@ -138,6 +151,22 @@ impl Evaluations {
             vec![file.as_str(), "--name", "miscalibrated", "--estimators", "recommended", "--seeds", "2"];
         arguments.extend(MISCALIBRATIONS.iter().flat_map(|deviation| ["--miscalibrate", deviation]));
         step("evaluate with calibrations that are off", || self.run(&arguments))
+    }
+
+    /// The recommended estimator on a suite, with gain and mounting off together: `results/<suite>/`.
+    pub(crate) fn installed(self, suite: &str) -> Outcome {
+        let file = suite_file(suite);
+        let mut arguments = vec![file.as_str(), "--estimators", "recommended", "--seeds", "1"];
+        arguments.extend(INSTALLATIONS.iter().flat_map(|deviations| ["--miscalibrate", deviations]));
+        step("evaluate with gain and mounting that are off", || self.run(&arguments))
+    }
+
+    /// The recommended estimator on a suite, configured for a calibration that is known to be exact: `results/trusted/`.
+    pub(crate) fn trusted(self, suite: &str) -> Outcome {
+        let file = suite_file(suite);
+        let inputs = [file.as_str(), "--name", "trusted", "--config", "examples/trusted-calibration.json"];
+        let options = ["--estimators", "recommended"];
+        step("evaluate with a trusted calibration", || self.run(&[&inputs[..], &options[..]].concat()))
     }
 
     /// The recommended estimator on a suite with noise in proportion to the calibrated range: `results/range/`.

@@ -7,8 +7,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use testbed::results::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, FailureRow,
-    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, ResidualRow, SummaryHead, SurfaceRow, TransferRow,
-    TrialHead, TurnRow, VertexRow, csv_bytes, read_rows, read_scores, score_bytes,
+    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, QuantityRow, ResidualRow, SummaryHead, SurfaceRow,
+    TransferRow, TrialHead, TurnRow, VertexRow, csv_bytes, read_rows, read_scores, score_bytes,
 };
 
 use crate::properties::one_error;
@@ -34,6 +34,7 @@ pub(super) fn run(bytes: &[u8]) {
     rows::<MapPointRow>(&path);
     rows::<MapRow>(&path);
     rows::<MapVertexRow>(&path);
+    rows::<QuantityRow>(&path);
     rows::<ResidualRow>(&path);
     rows::<SurfaceRow>(&path);
     rows::<TransferRow>(&path);

@@ -46,6 +46,18 @@ const VALUES: [(&str, f64, f64); COUNT] = [
     ("latency_s", 5e-4, 5e-3),
 ];
 
+/// Names of the deviations that a method with unknown gain and mounting estimates.
+const INSTALLATION: [&str; 4] = ["gain", "mount_rad", "mount_x_m", "mount_y_m"];
+
+/// Bounds of what an estimator may state beside the contact after the last reading of a trace, as standard deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct QuantityBounds {
+    /// Deviations of the sensor: gain, yaw and position of the mounting, if none of these is known to be zero.
+    pub installation: [f64; 4],
+    /// Velocity of the object in World (m/s), x and y. `None` if it is at rest.
+    pub velocity_m_s: Option<[f64; 2]>,
+}
+
 /// Ratio of the largest to the smallest size of each kind of object in the random suites, between which it is log-uniform.
 const SIZES: [(&str, f64); 9] = [
     ("pin", 10.0 / 3.0),
@@ -84,8 +96,7 @@ impl Deviations<'_> {
         let Miscalibration { gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s } =
             *self.of;
         let values = [gain, offset, drift_per_s, stiffness, mount_rad, mount_x_m, mount_y_m, latency_s];
-        let mean_square = |low: f64, high: f64| (high.powi(2) - low.powi(2)) / (2.0 * (high / low).ln());
-        std::array::from_fn(|i| if values[i] == 0.0 { 0.0 } else { mean_square(VALUES[i].1, VALUES[i].2) })
+        std::array::from_fn(|i| if values[i] == 0.0 { 0.0 } else { mean_square(VALUES[i]) })
     }
 
     /// Derivatives of a reading by the deviations at a row of a trace, for a contact seen at `seen` that moves with
@@ -111,6 +122,15 @@ impl Deviations<'_> {
             gradient_n.dot(&velocity_m_s),
         ]
     }
+}
+
+fn mean_square((_, low, high): (&str, f64, f64)) -> f64 {
+    (high.powi(2) - low.powi(2)) / (2.0 * (high / low).ln())
+}
+
+/// Index in the state of a deviation.
+fn index(name: &str) -> usize {
+    SIZE + 1 + VALUES.iter().position(|(known, ..)| *known == name).expect("a deviation's name")
 }
 
 /// Covariance of the contact at the touch, the size, the deviations and the velocity.
@@ -152,6 +172,15 @@ impl Joint {
         self
     }
 
+    /// The same for a sensor of which gain and mounting are unknown.
+    pub(super) fn installed(mut self) -> Self {
+        for name in INSTALLATION {
+            let i = index(name);
+            self.covariance[(i, i)] = mean_square(VALUES[i - SIZE - 1]);
+        }
+        self
+    }
+
     /// Begins a touch, whose contact has this prior; the other states are those of the touches before.
     pub(super) fn touch(&mut self, prior_m2: &Matrix2<f64>) {
         self.covariance.fixed_rows_mut::<2>(0).fill(0.0);
@@ -183,6 +212,20 @@ impl Joint {
         };
         let variance_m2 = |axis: usize| slope(axis).dot(&product(&self.covariance, &slope(axis)));
         (variance_m2(0) + variance_m2(1)).max(0.0).sqrt()
+    }
+
+    /// Standard deviations of gain and mounting.
+    pub(super) fn installation_sds(&self) -> [f64; 4] {
+        INSTALLATION.map(|name| self.sd(index(name)))
+    }
+
+    /// Standard deviations of the velocity (m/s).
+    pub(super) fn velocity_sds_m_s(&self) -> [f64; 2] {
+        [VELOCITY, VELOCITY + 1].map(|i| self.sd(i))
+    }
+
+    fn sd(&self, i: usize) -> f64 {
+        self.covariance[(i, i)].max(0.0).sqrt()
     }
 }
 
@@ -263,6 +306,28 @@ mod tests {
         let known_m = sd_m(0.0, 0.0);
         assert!(sd_m(0.02, 0.0) > known_m && sd_m(0.0, size_variance("circle")) > known_m);
         assert_eq!(size_variance("unknown"), 0.0);
+    }
+
+    /// Readings of a contact at a known place with the same derivative by the gain determine the gain as a mean does; what they do not
+    /// depend on keeps its prior.
+    #[test]
+    fn verif_the_bound_of_the_gain_is_that_of_a_mean() {
+        let exact = Miscalibration::default();
+        let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: 5e-5 };
+        let mut joint = Joint::new(&deviations, 0.0).installed();
+        let prior = joint.installation_sds();
+        joint.touch(&Matrix2::zeros());
+        for _ in 0..400 {
+            let by_deviations = std::array::from_fn(|i| if i == 0 { 2e-5 } else { 0.0 });
+            let (by_contact, moved_m) = (Vector2::zeros(), Vector2::zeros());
+            joint.update(&JointReading { by_contact, moved_m, since_touch_s: 0.0, by_deviations, variance_n2_m2: 1e-14 });
+        }
+        let [gain, yaw, ..] = joint.installation_sds();
+        let of_mean = 1e-7 / 2e-5 / 20.0;
+        assert!((gain / of_mean - 1.0).abs() < 1e-3, "{gain} {of_mean}");
+        assert_eq!(yaw, prior[1]);
+        assert!((prior[1] - 3.965e-3).abs() < 1e-6, "{prior:?}");
+        assert_eq!(joint.velocity_sds_m_s(), [0.0; 2]);
     }
 
     /// A contact read in both directions at rest and in uniform motion, as in the straight line through readings at equal intervals: the

@@ -20,7 +20,7 @@
 
 mod deviations;
 
-pub use deviations::Deviations;
+pub use deviations::{Deviations, QuantityBounds};
 
 use std::collections::VecDeque;
 
@@ -47,6 +47,7 @@ pub const WINDOW_S: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct TraceBound {
     instants: Vec<Option<BoundAt>>,
+    quantities: Option<QuantityBounds>,
 }
 
 /// Bound at one instant of contact.
@@ -103,11 +104,11 @@ impl TraceBound {
                 contact.step(known.t_s, &at.vector(), gained)
             })
             .collect();
-        Some(Self { instants })
+        Some(Self { instants, quantities: None })
     }
 
     /// Adds the bounds with unknown deviations, size and velocity, for the same trace, face and noise as in [`Self::new`]:
-    /// [`BoundAt::deviating_sd_m`], [`BoundAt::unsized_sd_m`] and [`BoundAt::moving_sd_m`].
+    /// [`BoundAt::deviating_sd_m`], [`BoundAt::unsized_sd_m`], [`BoundAt::moving_sd_m`] and [`Self::quantities`].
     #[must_use]
     pub fn with_deviations(
         mut self,
@@ -124,7 +125,8 @@ impl TraceBound {
         let known_motion = Joint::new(deviations, of_size);
         let unknown_motion =
             if trace.sidecar.is_object_at_rest() { known_motion.clone() } else { known_motion.clone().moving() };
-        let mut joints = [Joint::new(deviations, 0.0), known_motion, unknown_motion];
+        let installed = unknown_motion.clone().installed();
+        let mut joints = [Joint::new(deviations, 0.0), known_motion, unknown_motion, installed];
         let mut touched = Vector2::zeros();
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
@@ -152,10 +154,20 @@ impl TraceBound {
                 };
                 joints.iter_mut().for_each(|joint| joint.update(&reading));
             }
+            let [deviating, unsized_object, moving, _] = &joints;
             [bound.deviating_sd_m, bound.unsized_sd_m, bound.moving_sd_m] =
-                joints.each_ref().map(|joint| joint.sd_m(moved_m, bound.since_touch_s));
+                [deviating, unsized_object, moving].map(|joint| joint.sd_m(moved_m, bound.since_touch_s));
         }
+        let [_, _, moving, installed] = &joints;
+        let velocity_m_s = (!trace.sidecar.is_object_at_rest()).then(|| moving.velocity_sds_m_s());
+        self.quantities = Some(QuantityBounds { installation: installed.installation_sds(), velocity_m_s });
         self
+    }
+
+    /// Bounds of what may be stated beside the contact after the last reading, with unknown deviations and an unknown size of the object.
+    /// `None` before [`Self::with_deviations`].
+    pub fn quantities(&self) -> Option<&QuantityBounds> {
+        self.quantities.as_ref()
     }
 
     /// Bound at a row of the trace. `None` while the whisker is free.

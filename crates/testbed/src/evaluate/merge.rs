@@ -21,10 +21,10 @@ use crate::metrics::consistency::NIS;
 use crate::metrics::error::RMSE;
 use crate::metrics::{METRICS, Metric, Scores};
 use crate::results::files::{
-    CONSISTENCY, CONTOUR_TRIALS, CONTOURS, ERROR_OVER_TIME, FAILURES, MAP_OBJECTS, MAPS, SUMMARY, TRIALS,
+    CONSISTENCY, CONTOUR_TRIALS, CONTOURS, ERROR_OVER_TIME, FAILURES, MAP_OBJECTS, MAPS, QUANTITIES, SUMMARY, TRIALS,
 };
 use crate::results::{
-    ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, RunFile, SetKey, SetName, SummaryHead, SummaryRow,
+    ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, QuantityRow, RunFile, SetKey, SetName, SummaryHead, SummaryRow,
     TableFile, TrialRow, csv_bytes, score_bytes,
 };
 use crate::statistics::{mean, quantile};
@@ -66,6 +66,7 @@ fn write_trial_tables(shards: &InOrder<'_>, folder: &Path) -> anyhow::Result<Tri
     let create = |file: RunFile| AtomicFile::create(&file.path(folder));
     let mut trials = TableFile::<TrialRow>::of_scores(create(TRIALS)?)?;
     let mut contour_trials = TableFile::<ContourTrialRow>::new(create(CONTOUR_TRIALS)?)?;
+    let mut quantities = TableFile::<QuantityRow>::new(create(QUANTITIES)?)?;
     let mut maps = TableFile::<MapRow>::new(create(MAPS)?)?;
     let mut map_objects = TableFile::<MapObjectRow>::new(create(MAP_OBJECTS)?)?;
     let mut failures = Vec::new();
@@ -79,6 +80,7 @@ fn write_trial_tables(shards: &InOrder<'_>, folder: &Path) -> anyhow::Result<Tri
             contour_trials.push(&contour)?;
             contour_sets.of(&contour.key()).trials += 1;
         }
+        results.quantities.iter().try_for_each(|quantity| quantities.push(quantity))?;
         results.maps.iter().try_for_each(|map| maps.push(map))?;
         results.map_objects.iter().try_for_each(|object| map_objects.push(object))?;
         failures.extend(results.failures);
@@ -86,6 +88,7 @@ fn write_trial_tables(shards: &InOrder<'_>, folder: &Path) -> anyhow::Result<Tri
     })?;
     trials.finish()?.finish()?;
     contour_trials.finish()?.finish()?;
+    quantities.finish()?.finish()?;
     maps.finish()?.finish()?;
     map_objects.finish()?.finish()?;
     write_atomically(&FAILURES.path(folder), &csv_bytes(&failures)?)?;

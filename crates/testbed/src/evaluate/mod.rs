@@ -24,6 +24,7 @@ mod plan;
 mod prepared;
 pub(crate) mod previous;
 mod probe;
+mod quantities;
 mod score;
 mod sense;
 mod settings;

@@ -5,15 +5,17 @@ use whisker::estimators::ModelShares;
 use super::contours::trial_row;
 use super::job::{Replayed, TrialJob, TrialOutput};
 use super::maps::MapView;
+use super::quantities::quantity_rows;
 use super::sense::Sensed;
 use super::shards::EstimatorResult;
 use super::tables::{self, OverTime};
 use super::write;
+use crate::bound::TraceBound;
 use crate::contour::{Comparison, Contour, Touched};
 use crate::map::View;
 use crate::metrics::{Scored, Scores, Trial, Unscored, contour};
 use crate::replay::Replay;
-use crate::results::{ContourTrialRow, TrialHead, TrialRow};
+use crate::results::{ContourTrialRow, QuantityRow, TrialHead, TrialRow};
 
 impl TrialJob<'_> {
     /// Scores a replay, adds the results to the output, and writes the tables by instant if the job has a folder.
@@ -46,6 +48,9 @@ impl TrialJob<'_> {
         };
         if self.loaded.spec.sidecar.object_class().has_outline() {
             results.contours.push(self.contour_row(&trial, estimator, contour.as_ref(), scored.as_ref()));
+        }
+        if let Some(scored) = scored.as_ref().filter(|_| self.loaded.spec.array.is_none()) {
+            results.quantities.extend(self.quantity_rows(sensed, estimator, scored));
         }
         results.estimators.extend(scored.map(|scored| self.estimator_result(estimator, replay, &scored)));
         Ok(())
@@ -85,6 +90,22 @@ impl TrialJob<'_> {
             contact_rmse_m: scored.and_then(contour::CONTACT_RMSE.measure),
             ..trial_row(&trial.trace.sidecar, contour, compared)
         }
+    }
+
+    fn quantity_rows(&self, sensed: &Sensed<'_>, estimator: &str, scored: &Scored<'_>) -> Vec<QuantityRow> {
+        let sidecar = &scored.trial.trace.sidecar;
+        let of_trial = QuantityRow {
+            trace: sidecar.name.clone(),
+            group: sidecar.group.clone(),
+            whisker: sidecar.whisker.name.clone(),
+            object: sidecar.object.clone(),
+            estimator: estimator.into(),
+            noise: self.noise(),
+            seed: self.seed,
+            ..QuantityRow::default()
+        };
+        let bounds = sensed.bound.and_then(TraceBound::quantities);
+        quantity_rows(scored, &self.loaded.spec.miscalibration, bounds, &of_trial)
     }
 
     fn estimator_result(&self, estimator: &str, replay: &Replay, scored: &Scored<'_>) -> EstimatorResult {

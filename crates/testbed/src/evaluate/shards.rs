@@ -9,7 +9,7 @@ use files::{AtomicFile, sha256};
 use serde::{Deserialize, Serialize};
 
 use super::tables::OverTime;
-use crate::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, TrialRow};
+use crate::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, QuantityRow, TrialRow};
 
 /// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
@@ -24,6 +24,8 @@ pub(super) struct TrialResults {
     pub(super) estimators: Vec<EstimatorResult>,
     /// One per participant if the object has an outline.
     pub(super) contours: Vec<ContourTrialRow>,
+    /// Those that the participants state beside the contact.
+    pub(super) quantities: Vec<QuantityRow>,
     /// Failures of the trial or of participants.
     pub(super) failures: Vec<FailureRow>,
     /// Maps of the scene under that seed, kept with its first trace.

@@ -311,6 +311,42 @@ pub struct AnswerLine {
     /// Its standard deviation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_sd: Option<f64>,
+    /// Velocity of the object relative to the world, in Base, x (m/s), if it moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object_vx_m_s: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object_vx_sd_m_s: Option<f64>,
+    /// Velocity of the object relative to the world, in Base, y (m/s), if it moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object_vy_m_s: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object_vy_sd_m_s: Option<f64>,
+    /// Relative error of the sensor's gain, if the sensor deviates from its calibration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain_sd: Option<f64>,
+    /// Yaw of the calibrated Base in the actual one, if the sensor deviates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_rad: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_sd_rad: Option<f64>,
+    /// Position of the calibrated Base in the actual one, x, if the sensor deviates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_x_m: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_x_sd_m: Option<f64>,
+    /// Position of the calibrated Base in the actual one, y, if the sensor deviates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_y_m: Option<f64>,
+    /// Its standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_y_sd_m: Option<f64>,
     /// Whether the readings contradict the models of the estimator.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_doubtful: Option<bool>,
@@ -324,6 +360,10 @@ impl AnswerLine {
     pub fn new(estimate: Option<&Estimate>) -> Self {
         let Some(estimate) = estimate else { return Self::default() };
         let covariance = estimate.covariance_m2;
+        let velocity = |axis: usize| estimate.velocity.map(|velocity| velocity.velocity_m_s[axis]);
+        let variance = |axis: usize| estimate.velocity.map(|velocity| velocity.covariance_m2_s2[(axis, axis)]);
+        let velocity_sd = |axis: usize| variance(axis).map(|variance| variance.max(0.0).sqrt());
+        let deviates = estimate.installation;
         Self {
             face: Some(estimate.face),
             contact_x_m: Some(estimate.contact.x()),
@@ -339,6 +379,18 @@ impl AnswerLine {
             radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
             friction: estimate.friction.map(|friction| friction.coefficient),
             friction_sd: estimate.friction.map(|friction| friction.sd),
+            object_vx_m_s: velocity(0),
+            object_vx_sd_m_s: velocity_sd(0),
+            object_vy_m_s: velocity(1),
+            object_vy_sd_m_s: velocity_sd(1),
+            gain: deviates.map(|found| found.gain.value),
+            gain_sd: deviates.map(|found| found.gain.sd),
+            mount_rad: deviates.map(|found| found.mount_rad.value),
+            mount_sd_rad: deviates.map(|found| found.mount_rad.sd),
+            mount_x_m: deviates.map(|found| found.mount_x_m.value),
+            mount_x_sd_m: deviates.map(|found| found.mount_x_m.sd),
+            mount_y_m: deviates.map(|found| found.mount_y_m.value),
+            mount_y_sd_m: deviates.map(|found| found.mount_y_m.sd),
             model_doubtful: Some(estimate.model_doubtful),
             second_contact: Some(estimate.second_contact),
             ..Self::default()

@@ -44,6 +44,30 @@ pub struct EstimateRow {
     pub friction: Option<f64>,
     /// Standard deviation of `friction`.
     pub friction_sd: Option<f64>,
+    /// Estimated velocity of the object in World, x (m/s), if it moves.
+    pub object_vx_m_s: Option<f64>,
+    /// Standard deviation of `object_vx_m_s`.
+    pub object_vx_sd_m_s: Option<f64>,
+    /// Estimated velocity of the object in World, y (m/s), if it moves.
+    pub object_vy_m_s: Option<f64>,
+    /// Standard deviation of `object_vy_m_s`.
+    pub object_vy_sd_m_s: Option<f64>,
+    /// Estimated relative error of the sensor's gain, if the sensor deviates from its calibration.
+    pub gain: Option<f64>,
+    /// Standard deviation of `gain`.
+    pub gain_sd: Option<f64>,
+    /// Estimated yaw of the calibrated Base in the actual one, if the sensor deviates.
+    pub mount_rad: Option<f64>,
+    /// Standard deviation of `mount_rad`.
+    pub mount_sd_rad: Option<f64>,
+    /// Estimated position of the calibrated Base in the actual one, x, if the sensor deviates.
+    pub mount_x_m: Option<f64>,
+    /// Standard deviation of `mount_x_m`.
+    pub mount_x_sd_m: Option<f64>,
+    /// Estimated position of the calibrated Base in the actual one, y, if the sensor deviates.
+    pub mount_y_m: Option<f64>,
+    /// Standard deviation of `mount_y_m`.
+    pub mount_y_sd_m: Option<f64>,
     /// Probabilities of the models that the estimator averages, the most probable first, as `sliding=0.970 ekf=0.030`.
     pub models: Option<String>,
     /// Whether the readings contradict the models that the estimator averages.
@@ -71,6 +95,10 @@ pub fn estimate_row(
     let contact = estimate.map(|e| known.base.apply(e.contact));
     let surface = estimate.map(|e| known.base.apply(knowledge.surface(e, reading_n_m)));
     let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
+    let moves = estimate.and_then(|e| e.velocity).map(|velocity| velocity.turned(&known.base));
+    let velocity = |axis: usize| moves.map(|velocity| velocity.velocity_m_s[axis]);
+    let velocity_sd = |axis: usize| moves.map(|velocity| velocity.covariance_m2_s2[(axis, axis)].max(0.0).sqrt());
+    let deviates = estimate.and_then(|e| e.installation);
     EstimateRow {
         t_s: known.t_s,
         base_x_m: known.base.origin().x(),
@@ -90,6 +118,18 @@ pub fn estimate_row(
         radius_sd_m: estimate.and_then(|e| e.radius).map(|radius| radius.sd_m),
         friction: estimate.and_then(|e| e.friction).map(|friction| friction.coefficient),
         friction_sd: estimate.and_then(|e| e.friction).map(|friction| friction.sd),
+        object_vx_m_s: velocity(0),
+        object_vx_sd_m_s: velocity_sd(0),
+        object_vy_m_s: velocity(1),
+        object_vy_sd_m_s: velocity_sd(1),
+        gain: deviates.map(|found| found.gain.value),
+        gain_sd: deviates.map(|found| found.gain.sd),
+        mount_rad: deviates.map(|found| found.mount_rad.value),
+        mount_sd_rad: deviates.map(|found| found.mount_rad.sd),
+        mount_x_m: deviates.map(|found| found.mount_x_m.value),
+        mount_x_sd_m: deviates.map(|found| found.mount_x_m.sd),
+        mount_y_m: deviates.map(|found| found.mount_y_m.value),
+        mount_y_sd_m: deviates.map(|found| found.mount_y_m.sd),
         models: estimate.and_then(|e| e.models).map(|models| models.to_string()),
         model_doubtful: estimate.filter(|e| e.models.is_some()).map(|e| e.model_doubtful),
         second_contact: estimate.filter(|e| e.models.is_some()).map(|e| e.second_contact),

@@ -10,8 +10,8 @@ use whisker::events::DETECTORS;
 
 use super::{
     BoundRow, ConsistencyRow, ContourScoreRow, ContourTrialRow, ErrorBandRow, EstimateRow, EventRow, FailureRow,
-    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, ResidualRow, Run, SummaryHead, SurfaceRow, TransferRow,
-    TrialHead, TurnRow, VertexRow, read_rows, read_scores,
+    GridRow, MapObjectRow, MapPointRow, MapRow, MapVertexRow, QuantityRow, ResidualRow, Run, SummaryHead, SurfaceRow,
+    TransferRow, TrialHead, TurnRow, VertexRow, read_rows, read_scores,
 };
 
 /// Command that writes a file of a run.
@@ -185,6 +185,8 @@ run_files! {
         "one row per group, whisker, estimator and noise level, for objects other than pins: outline found against the true one";
     CONTOUR_TRIALS = "contour_trials.csv", Run, Evaluate, table!(ContourTrialRow, "trials of outlines", or_none),
         "one row per trace, estimator, noise level and seed: outline found against the true one, and the circle through the outline of a round object";
+    QUANTITIES = "quantities.csv", Run, Evaluate, table!(QuantityRow, "quantities beside the contact", or_none),
+        "one row per trace, estimator, noise level, seed and quantity that the estimator states at the end beside the contact: deviation of the sensor, velocity of the object";
     TRACE_CONTOUR = "contours/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(VertexRow, "outline found", or_none),
         "outline found, counter-clockwise, with its covariance, at the first noise level and seed";
     ESTIMATES = "estimates/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(EstimateRow, "estimates"),

@@ -16,6 +16,7 @@ mod monte_carlo;
 mod motion;
 mod noiseless;
 mod pins;
+mod quantities;
 mod real;
 mod sensor_model;
 mod sets;
@@ -39,7 +40,8 @@ use whisker::estimators::{ESTIMATORS, EstimatorRow, MethodClass};
 use testbed::dataset::Dataset;
 use testbed::metrics::Metric;
 use testbed::results::{
-    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow, csv_bytes,
+    ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, QuantityRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
+    csv_bytes,
     read_rows, read_scores,
 };
 use testbed::space::SpatialRun;
@@ -149,6 +151,13 @@ pub const SETS: &[ClaimSet] = &[
         figures: &[],
     },
     ClaimSet {
+        name: "quantities",
+        topics: &[quantities::claims],
+        runs: quantities::RUNS,
+        spatial_runs: &[],
+        figures: &[],
+    },
+    ClaimSet {
         name: "space",
         topics: &[space::claims, space_recordings::claims, space_random::claims],
         runs: &[],
@@ -216,6 +225,7 @@ struct Evaluation {
     trials: Vec<TrialRow>,
     bands: Vec<ErrorBandRow>,
     contours: Vec<ContourTrialRow>,
+    quantities: Vec<QuantityRow>,
     /// Counts during a turn of each sensor, by the label of the sensor; empty if the front end has no sensors.
     turns: BTreeMap<String, Vec<TurnRow>>,
     maps: Vec<MapRow>,
@@ -316,6 +326,7 @@ impl Evaluation {
             trials: read_scores(&folder.join("trials.csv"))?,
             bands: read_rows(&folder.join("error_over_time.csv"))?,
             contours: read_rows(&folder.join("contour_trials.csv"))?,
+            quantities: read_rows(&folder.join("quantities.csv"))?,
             maps: read_rows(&folder.join("maps.csv"))?,
             map_objects: read_rows(&folder.join("map_objects.csv"))?,
         })

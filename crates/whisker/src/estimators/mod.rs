@@ -25,6 +25,7 @@ mod odds;
 mod outline;
 mod paper;
 mod particle;
+mod quantities;
 mod regained;
 mod rubbing;
 mod second;
@@ -40,6 +41,7 @@ mod unscented;
 
 pub use crate::settings::{Settings, SettingsError, parse, with_defaults, within};
 pub use base_noise::BaseNoise;
+pub use quantities::{FrictionCoefficient, Installation, Radius, Uncertain, Velocity};
 pub use shares::ModelShares;
 
 use std::collections::VecDeque;
@@ -87,6 +89,11 @@ pub struct Estimate {
     /// Coefficient of friction between whisker and object. `None` if the method does not estimate it or the readings do not
     /// determine it.
     pub friction: Option<FrictionCoefficient>,
+    /// Velocity of the object in the world. `None` if the method does not estimate it, or holds it improbable that the object moves.
+    pub velocity: Option<Velocity>,
+    /// Deviation of the sensor from its calibration. `None` if the method does not estimate it, or holds it improbable that the sensor
+    /// deviates.
+    pub installation: Option<Installation>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
@@ -109,29 +116,13 @@ impl Estimate {
             innovation: None,
             radius: None,
             friction: None,
+            velocity: None,
+            installation: None,
             models: None,
             model_doubtful: false,
             second_contact: false,
         }
     }
-}
-
-/// Estimated radius of an object, without the wire's.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Radius {
-    /// The radius.
-    pub radius_m: f64,
-    /// Its standard deviation.
-    pub sd_m: f64,
-}
-
-/// Estimated coefficient of Coulomb friction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrictionCoefficient {
-    /// The coefficient.
-    pub coefficient: f64,
-    /// Its standard deviation.
-    pub sd: f64,
 }
 
 /// Prior information available to an estimator.

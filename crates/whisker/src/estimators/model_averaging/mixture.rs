@@ -6,7 +6,7 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 use super::AveragingTracker;
 use crate::candidates::LEAST_KNOWN;
 use crate::estimators::shares::ModelShares;
-use crate::estimators::{Estimate, FrictionCoefficient, Radius};
+use crate::estimators::{Estimate, FrictionCoefficient, Radius, Velocity};
 
 /// A candidate's estimate in the mixture.
 #[derive(Clone, Copy)]
@@ -61,6 +61,15 @@ impl AveragingTracker {
         let size = Gaussian::of_mixture(moving().filter_map(size));
         // Likewise, the candidates without friction state no coefficient.
         let friction = Gaussian::of_mixture(moving().filter_map(rubs));
+        // Velocity and deviation are those under the assumption that the object moves or the sensor deviates, however probable it is.
+        let velocities = parts.iter().filter_map(|part| {
+            let Velocity { velocity_m_s, covariance_m2_s2 } = part.estimate.velocity?;
+            Some((Gaussian::new(velocity_m_s, covariance_m2_s2), part.share))
+        });
+        let velocity = Gaussian::of_mixture(velocities)
+            .map(|Gaussian { mean, covariance }| Velocity { velocity_m_s: mean, covariance_m2_s2: covariance });
+        let deviating = parts.iter().filter(|part| part.estimate.installation.is_some());
+        let installation = deviating.max_by(|a, b| a.share.total_cmp(&b.share)).and_then(|part| part.estimate.installation);
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
             places.covariance + apart * apart.transpose()
@@ -74,6 +83,8 @@ impl AveragingTracker {
                 coefficient: friction.mean[0],
                 sd: friction.covariance[0].sqrt(),
             }),
+            velocity,
+            installation,
             innovation,
             models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
             model_doubtful: false,

@@ -224,6 +224,7 @@ impl AveragingTracker {
         Some(Estimate {
             contact: since.motion.apply(stated.contact).shifted(slip_m),
             covariance_m2: stated.covariance_m2.map(|covariance_m2| since.motion.turn(covariance_m2)),
+            velocity: stated.velocity.map(|velocity| velocity.turned(&since.motion)),
             ..stated
         })
     }

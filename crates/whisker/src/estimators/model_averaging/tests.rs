@@ -8,7 +8,7 @@ use crate::estimators::block::BlockSettings;
 use crate::estimators::second::SecondSettings;
 use crate::estimators::side::Side;
 use crate::estimators::testing::knowledge;
-use crate::estimators::{FrictionCoefficient, Radius};
+use crate::estimators::{FrictionCoefficient, Installation, Radius, Uncertain, Velocity};
 use crate::sensor::AlongAway;
 
 /// A tracker of two candidates, of which the second is considered, with these probabilities.
@@ -284,6 +284,29 @@ fn verif_radius_and_friction_are_those_of_the_candidates_that_estimate_them() {
     assert!((found.coefficient - 0.3).abs() < 1e-12 && (found.sd - 0.05).abs() < 1e-12, "{found:?}");
     assert!((radius.radius_m - 0.01).abs() < 1e-12 && (radius.sd_m - 1e-3).abs() < 1e-12, "{radius:?}");
     assert_eq!(tracker.together(&[Some(thin), Some(thin)], None).unwrap().radius, None);
+}
+
+/// They hold under their assumption, also while another candidate determines the contact.
+#[test]
+fn verif_velocity_and_deviation_are_those_of_the_candidates_that_state_them() {
+    let knowledge = knowledge();
+    let side = Side::new(&knowledge.faces[0], &knowledge);
+    let at_rest = side.estimate_at(Point::new(0.05, 0.0), true, Matrix2::identity() * 1e-8, None);
+    let velocity = Velocity { velocity_m_s: Vector2::new(1e-3, -2e-3), covariance_m2_s2: Matrix2::identity() * 1e-8 };
+    let deviation = Uncertain { value: 0.02, sd: 0.01 };
+    let installation =
+        Installation { gain: deviation, mount_rad: deviation, mount_x_m: deviation, mount_y_m: deviation };
+    let other = Estimate { velocity: Some(velocity), installation: Some(installation), ..at_rest };
+    let mut tracker = tracker([0.9, 0.1], &knowledge.faces[0]);
+    let stated = tracker.together(&[Some(at_rest), Some(other)], None).unwrap();
+    let found = stated.velocity.unwrap();
+    assert!((found.velocity_m_s - velocity.velocity_m_s).norm() < 1e-15, "{found:?}");
+    assert!((found.covariance_m2_s2 - velocity.covariance_m2_s2).norm() < 1e-15, "{found:?}");
+    assert_eq!(stated.installation, Some(installation));
+    // A candidate that is too improbable is ignored.
+    tracker.right = Modes::new([1.0, 1e-12]);
+    let stated = tracker.together(&[Some(at_rest), Some(other)], None).unwrap();
+    assert_eq!((stated.velocity, stated.installation), (None, None));
 }
 
 #[test]

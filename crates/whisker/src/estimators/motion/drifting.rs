@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use super::round::{Round, Wandering};
-use crate::estimators::Sample;
+use crate::estimators::{Estimate, Sample, Velocity};
 use crate::estimators::side::{Side, StateIndices};
 use crate::frames::{Base, Pose};
 use crate::sensor::CalibratedFace;
@@ -102,6 +102,14 @@ impl Motion<6> for Drifting {
 
     fn radius(&self) -> Option<usize> {
         Motion::radius(&self.object)
+    }
+
+    fn place(&self, _: &Side, belief: &Gaussian<6>, estimate: Estimate) -> Estimate {
+        let velocity = Velocity {
+            velocity_m_s: belief.mean.fixed_rows::<2>(VELOCITY).into(),
+            covariance_m2_s2: belief.covariance.fixed_view::<2, 2>(VELOCITY, VELOCITY).into(),
+        };
+        Estimate { velocity: Some(velocity), ..estimate }
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample) -> Drift<'a> {

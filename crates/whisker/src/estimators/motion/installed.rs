@@ -1,13 +1,13 @@
 //! A contact on a round object, with an error of the sensor's gain and of the whisker's mounting.
 
 use filters::{Gaussian, Process, product};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4, vector};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector4, vector};
 use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use super::round::{Round, Wandering};
 use crate::estimators::side::{Side, StateIndices};
-use crate::estimators::{Estimate, Sample};
+use crate::estimators::{Estimate, Installation, Sample, Uncertain};
 use crate::frames::{Base, Pose};
 use crate::sensor::CalibratedFace;
 use crate::settings::{SettingsError, within};
@@ -112,13 +112,32 @@ impl Motion<8> for Installed {
             let together = covariance + added;
             if together.cholesky().is_some() { together } else { covariance }
         });
-        Estimate { contact, covariance_m2, ..estimate }
+        Estimate { contact, covariance_m2, installation: Some(installation(belief)), ..estimate }
     }
 }
 
 /// The whisker's frame in its nominal one.
 fn mounting(x: &SVector<f64, 8>) -> Pose<Base, Base> {
     Pose::new(x[PLACE], x[PLACE + 1], x[YAW])
+}
+
+/// The deviation of the sensor: gain, and the inverse of the mounting, which has the yaw `-alpha` and the position `-R_-alpha b`.
+fn installation(belief: &Gaussian<8>) -> Installation {
+    let x = &belief.mean;
+    let calibrated = mounting(x).inverse();
+    let (yaw_rad, position) = (calibrated.yaw_rad(), calibrated.origin().vector());
+    let mut jacobian = Matrix3::zeros();
+    jacobian[(0, 0)] = -1.0;
+    jacobian.fixed_view_mut::<2, 1>(1, 0).copy_from(&vector![position.y, -position.x]);
+    jacobian.fixed_view_mut::<2, 2>(1, 1).copy_from(&-calibrated.rotation());
+    let covariance = jacobian * belief.covariance.fixed_view::<3, 3>(YAW, YAW) * jacobian.transpose();
+    let of_mounting = |value, i: usize| Uncertain { value, sd: covariance[(i, i)].max(0.0).sqrt() };
+    Installation {
+        gain: Uncertain { value: x[GAIN], sd: belief.covariance[(GAIN, GAIN)].max(0.0).sqrt() },
+        mount_rad: of_mounting(yaw_rad, 0),
+        mount_x_m: of_mounting(position.x, 1),
+        mount_y_m: of_mounting(position.y, 2),
+    }
 }
 
 impl Moving<'_> {
@@ -211,6 +230,25 @@ mod tests {
         let moved = Installed::default().step(&side, &sample()).predict(&x);
         let expected = sample().motion.apply(nominal(&x));
         assert!(nominal(&moved).distance(&expected) < 1e-9);
+    }
+
+    /// The stated mounting is the inverse of that of the state, and its covariance is the linearised one.
+    #[test]
+    fn verif_the_stated_mounting_is_the_calibrated_frame_in_the_actual_one() {
+        let x = state();
+        let covariance = SMatrix::<f64, 8, 8>::from_diagonal(&SVector::from([1.0, 1.0, 1.0, 1.0, 4e-4, 1e-6, 4e-8, 9e-8]));
+        let found = installation(&Gaussian::new(x, covariance));
+        let stated = Pose::<Base, Base>::new(found.mount_x_m.value, found.mount_y_m.value, found.mount_rad.value);
+        let together = stated.then(&mounting(&x));
+        assert!(together.origin().vector().norm() < 1e-15 && together.yaw_rad().abs() < 1e-15, "{together:?}");
+        assert_eq!((found.gain, found.mount_rad.sd), (Uncertain { value: 0.02, sd: 0.02 }, 1e-3));
+        let at = |x: &SVector<f64, 8>| mounting(x).inverse().origin().vector();
+        let slopes = [(YAW, 1e-3), (PLACE, 2e-4), (PLACE + 1, 3e-4)].map(|(i, sd)| {
+            (at(&(x + SVector::<f64, 8>::ith(i, 1e-6))) - at(&(x - SVector::<f64, 8>::ith(i, 1e-6)))) / 2e-6 * sd
+        });
+        let expected = slopes.map(|slope| slope.component_mul(&slope)).iter().sum::<Vector2<f64>>().map(f64::sqrt);
+        let sds = vector![found.mount_x_m.sd, found.mount_y_m.sd];
+        assert!((sds - expected).norm() < 1e-9 * expected.norm().max(1.0), "{sds} {expected}");
     }
 
     #[test]

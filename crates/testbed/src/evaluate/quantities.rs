@@ -1,0 +1,72 @@
+//! Rows of the table of quantities that estimators state beside the contact.
+
+use trace::Miscalibration;
+use whisker::estimators::{Installation, Uncertain, Velocity};
+use whisker::frames::{Base, Pose, World};
+
+use crate::bound::QuantityBounds;
+use crate::metrics::Scored;
+use crate::results::QuantityRow;
+
+/// A quantity with its estimate: name, true value, estimated value, standard deviation and bound.
+type Stated = (&'static str, f64, f64, f64, Option<f64>);
+
+/// Rows of a trial, from the last estimate during contact. The names of trace, estimator and trial are those of `of_trial`.
+pub(super) fn quantity_rows(
+    scored: &Scored<'_>,
+    miscalibration: &Miscalibration,
+    bounds: Option<&QuantityBounds>,
+    of_trial: &QuantityRow,
+) -> Vec<QuantityRow> {
+    let Some((index, contact, estimate)) = scored
+        .contacts
+        .iter()
+        .enumerate()
+        .rev()
+        .find_map(|(index, contact)| Some((index, contact, scored.estimates[contact.row]?)))
+    else {
+        return Vec::new();
+    };
+    let trace = &scored.trial.trace;
+    let deviations = estimate.installation.map(|found| of_installation(&found, miscalibration, bounds));
+    let base = &trace.recording.instants[contact.row].base;
+    let velocity = estimate.velocity.map(|found| of_velocity(&found, base, trace.sidecar.object_velocity_m_s(), bounds));
+    let contact_s = (index + 1) as f64 / trace.sidecar.rate_hz;
+    let row = |(quantity, truth, estimate, sd, bound): Stated| QuantityRow {
+        quantity: quantity.into(),
+        contact_s,
+        truth,
+        estimate,
+        error: estimate - truth,
+        sd,
+        bound,
+        ..of_trial.clone()
+    };
+    deviations.into_iter().flatten().chain(velocity.into_iter().flatten()).map(row).collect()
+}
+
+fn of_installation(
+    found: &Installation,
+    miscalibration: &Miscalibration,
+    bounds: Option<&QuantityBounds>,
+) -> [Stated; 4] {
+    let Miscalibration { gain, mount_rad, mount_x_m, mount_y_m, .. } = *miscalibration;
+    let truths = [gain, mount_rad, mount_x_m, mount_y_m];
+    let stated = found.by_name();
+    std::array::from_fn(|i| {
+        let (name, Uncertain { value, sd }) = stated[i];
+        (name, truths[i], value, sd, bounds.map(|bounds| bounds.installation[i]))
+    })
+}
+
+fn of_velocity(
+    found: &Velocity,
+    base: &Pose<Base, World>,
+    truth: [f64; 2],
+    bounds: Option<&QuantityBounds>,
+) -> [Stated; 2] {
+    let Velocity { velocity_m_s: velocity, covariance_m2_s2: covariance } = found.turned(base);
+    let bound = |i: usize| bounds.and_then(|bounds| bounds.velocity_m_s).map(|bound| bound[i]);
+    let of_axis = |name, i: usize| (name, truth[i], velocity[i], covariance[(i, i)].max(0.0).sqrt(), bound(i));
+    [of_axis("object_vx_m_s", 0), of_axis("object_vy_m_s", 1)]
+}
