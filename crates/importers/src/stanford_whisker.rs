@@ -535,6 +535,7 @@ impl Calibrated {
             recorded: Some(Recorded {
                 clock: "nominal, a row a stage step".into(),
                 characteristic: coefficients,
+                range_n_m: Some(characteristic.range_n_m),
                 residual_counts: *residual_counts,
                 rest_counts: table.rest_counts(),
                 noise_sd_n_m: self.noise_sd_counts / counts_per_n_m.abs(),

@@ -8,7 +8,10 @@ use files::{Watermark, check_replaces_own, read_json, write_atomically, write_js
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, FittedData, FrontEndFile, Role, Sidecar, Trace, TruthInstant, data_sha256};
+use trace::{
+    CalibrationFile, Characteristic, FaceFile, FittedData, FrontEndFile, Recorded, Role, SensorFile, Sidecar, Trace,
+    TruthInstant, data_sha256,
+};
 use whisker::Whisker;
 use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
 
@@ -100,6 +103,8 @@ pub struct Fitted {
     /// Traces from which glitches were left out, single readings far above all others: name, number of these readings and of all
     /// rows.
     pub gated: Vec<(String, usize, usize)>,
+    /// Reason why the calibration of recordings has no sensor. `None` if it has one, or an up-to-date file was found.
+    pub no_sensor: Option<String>,
 }
 
 /// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
@@ -206,7 +211,8 @@ impl WhiskerFit<'_> {
         check_replaces_calibration(&path, files::FORMAT)?;
         if let Some(calibration) = self.up_to_date(&path, &watermark) {
             self.progress.inc((faces_of(self.traces).count() * self.candidates.len()) as u64);
-            return Ok(Fitted { calibration, path, is_new: false, left_out: Vec::new(), gated: Vec::new() });
+            let (left_out, gated, no_sensor) = (Vec::new(), Vec::new(), None);
+            return Ok(Fitted { calibration, path, is_new: false, left_out, gated, no_sensor });
         }
         // The readings of a recording already contain noise.
         let is_recorded = self.traces.iter().any(|trace| trace.sidecar.recorded.is_some());
@@ -214,10 +220,49 @@ impl WhiskerFit<'_> {
         let (front_end, readings_n_m) = self.read(noise)?;
         let (faces, left_out) = self.faces(&readings_n_m)?;
         let traces = self.traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-        let data = FittedData { noise_fraction: noise, seed: self.settings.seed, front_end, data_sha256, traces };
+        let (sensor, no_sensor) = match is_recorded.then(|| self.recorded_sensor()) {
+            Some(Ok(sensor)) => (Some(sensor), None),
+            Some(Err(reason)) => (None, Some(format!("whisker `{}`: {reason}", whisker.name))),
+            None => (None, None),
+        };
+        let data =
+            FittedData { noise_fraction: noise, seed: self.settings.seed, front_end, sensor, data_sha256, traces };
         let calibration = CalibrationFile::new(whisker.clone(), data, faces, watermark);
         write_json(&path, &calibration)?;
-        Ok(Fitted { calibration, path, is_new: true, left_out, gated: Vec::new() })
+        Ok(Fitted { calibration, path, is_new: true, left_out, gated: Vec::new(), no_sensor })
+    }
+
+    /// The sensor of the recordings, with the root mean square of their noise.
+    ///
+    /// # Errors
+    /// If the recordings do not state one and the same characteristic. Their moments can be fitted all the same.
+    fn recorded_sensor(&self) -> Result<SensorFile, String> {
+        let stated = |trace: &Trace| {
+            trace.sidecar.recorded.as_ref().and_then(Recorded::characteristic).ok_or_else(|| {
+                let name = &trace.sidecar.name;
+                format!(
+                    "{name}: recorded.range_n_m: found none, expected the range of the characteristic; import the \
+                    recording again"
+                )
+            })
+        };
+        let first = &self.traces[0];
+        let characteristic = stated(first)?;
+        for trace in &self.traces[1..] {
+            let found = stated(trace)?;
+            if found != characteristic {
+                return Err(format!(
+                    "{}: recorded.characteristic: found {}, expected {}, as in {}; import all recordings by one mapping",
+                    trace.sidecar.name,
+                    described(&found),
+                    described(&characteristic),
+                    first.sidecar.name
+                ));
+            }
+        }
+        let noise = self.traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
+        let noise_sd_n_m = mean(noise).unwrap_or_default().sqrt();
+        Ok(SensorFile::recorded(&self.whisker.name, characteristic, noise_sd_n_m))
     }
 
     /// Watermark of the calibration from everything that determines it.
@@ -280,6 +325,12 @@ impl WhiskerFit<'_> {
         }
         Ok((faces, left_out))
     }
+}
+
+/// Coefficients and range of a characteristic, for messages.
+fn described(characteristic: &Characteristic) -> String {
+    let Characteristic { coefficients, range_n_m: [least, most] } = characteristic;
+    format!("{coefficients:?} from {least:e} to {most:e} N m")
 }
 
 /// Checks that a calibration of a format replaces nothing but a calibration of this format or an empty file. A link is

@@ -17,6 +17,10 @@ use crate::spatial::other_format;
 /// The only reading column in format 1.
 const READING: &str = "moment_z_n_m";
 
+/// Keys of the sensors.
+const FRONT_END_SENSORS: &str = "front_end.sensors";
+const SENSOR: &str = "sensor";
+
 /// Largest measurement noise, as a fraction of the largest reading.
 pub const MOST_NOISE: f64 = 10.0;
 
@@ -44,6 +48,10 @@ pub struct CalibrationFile {
     /// moments themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<FrontEndFile>,
+    /// Sensor of the recordings to which the calibration was fitted. `None` if they were simulated, or do not state one and the
+    /// same characteristic.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorFile>,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -65,6 +73,8 @@ pub struct FittedData {
     pub seed: u64,
     /// Front end through which the traces were read. `None` if the readings are the moments themselves.
     pub front_end: Option<FrontEndFile>,
+    /// Sensor of the recordings, if they state one and the same characteristic.
+    pub sensor: Option<SensorFile>,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -113,6 +123,20 @@ pub struct SensorFile {
 }
 
 impl SensorFile {
+    /// Sensor of recordings of a single whisker, with the noise of their readings (N m).
+    pub fn recorded(whisker: &str, characteristic: Characteristic, noise_sd_n_m: f64) -> Self {
+        Self {
+            name: whisker.into(),
+            array: whisker.into(),
+            common_mode: [0.0; 2],
+            characteristic,
+            cross_talk: Vec::new(),
+            noise_sd_n_m,
+            offset_sd_n_m: 0.0,
+            gain_sd: 0.0,
+        }
+    }
+
     /// Unique name of the form `<array>.<sensor>`, for example `left.left_1`.
     pub fn label(&self) -> String {
         format!("{}.{}", self.array, self.name)
@@ -210,7 +234,7 @@ impl FaceFile {
 impl CalibrationFile {
     /// Calibration of these faces, fitted to `data`.
     pub fn new(whisker: Whisker, data: FittedData, faces: Vec<FaceFile>, watermark: Watermark) -> Self {
-        let FittedData { noise_fraction, seed, front_end, data_sha256, traces } = data;
+        let FittedData { noise_fraction, seed, front_end, sensor, data_sha256, traces } = data;
         Self {
             format: FORMAT,
             kind: "calibration".into(),
@@ -219,6 +243,7 @@ impl CalibrationFile {
             noise_fraction,
             seed,
             front_end,
+            sensor,
             data_sha256,
             traces,
             faces_sha256: faces_sha256(&faces),
@@ -259,6 +284,36 @@ impl CalibrationFile {
         ReadingGate::new(self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max))
     }
 
+    /// The sensors whose counts the calibration converts: that of the recordings, or those of the front end.
+    pub fn sensors(&self) -> impl Iterator<Item = &SensorFile> {
+        self.front_end.iter().flat_map(|front_end| &front_end.sensors).chain(&self.sensor)
+    }
+
+    /// The sensor with this label, or the only one if `label` is `None`. `path` is used in error messages.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if there is no such sensor, or if there are several and `label` is `None`.
+    pub fn sensor_of_counts(&self, path: &Path, label: Option<&str>) -> Result<&SensorFile, Error> {
+        let found = match label {
+            Some(label) => self.sensors().find(|sensor| sensor.label() == label),
+            None => self.sensors().next().filter(|_| self.sensors().count() == 1),
+        };
+        found.ok_or_else(|| {
+            let known: Vec<_> = self.sensors().map(SensorFile::label).collect();
+            let (found, expected) = match (label, known.is_empty()) {
+                (_, true) => (
+                    "none".into(),
+                    "one, by which counts are converted; `whisker fit` writes that of imported \
+                    recordings, and those of a front end that models sensors"
+                        .into(),
+                ),
+                (Some(label), false) => (known.join(", "), format!("`{label}` among them")),
+                (None, false) => (known.join(", "), "the name of one of them, or one alone".into()),
+            };
+            Error::value(path, if self.front_end.is_some() { FRONT_END_SENSORS } else { SENSOR }, found, expected)
+        })
+    }
+
     /// Loads the calibrated faces with the model of this label, or with the chosen model if `label` is `None`. `path`
     /// is used in error messages.
     ///
@@ -284,11 +339,17 @@ impl CalibrationFile {
     }
 
     fn check_sensors(&self, path: &Path) -> Result<(), Error> {
-        for (index, sensor) in self.front_end.iter().flat_map(|front_end| &front_end.sensors).enumerate() {
+        if self.front_end.is_some() && self.sensor.is_some() {
+            return Err(Error::value(path, SENSOR, "one beside `front_end`", "one of the two"));
+        }
+        for (index, sensor) in self.sensors().enumerate() {
+            let is_recorded = self.sensor.is_some();
+            let place = if is_recorded { SENSOR.into() } else { format!("{FRONT_END_SENSORS}[{index}]") };
             // Tables of the report are named after the sensors.
-            plain_name(path, &format!("front_end.sensors[{index}].name"), &sensor.name)?;
-            plain_name(path, &format!("front_end.sensors[{index}].array"), &sensor.array)?;
-            let key = |name: &str| format!("front_end.sensors.{}.{name}", sensor.label());
+            plain_name(path, &format!("{place}.name"), &sensor.name)?;
+            plain_name(path, &format!("{place}.array"), &sensor.array)?;
+            let place = if is_recorded { place } else { format!("{FRONT_END_SENSORS}.{}", sensor.label()) };
+            let key = |name: &str| format!("{place}.{name}");
             if !sensor.characteristic.is_valid() {
                 let found = format!("{:?}", sensor.characteristic);
                 let expected = "a polynomial that is monotone on a range containing 0";

@@ -9,7 +9,7 @@ use whisker::Whisker;
 use whisker::sensor::Face;
 
 use crate::spatial::other_format;
-use crate::{Certificate, ObjectClass, ReplayEffects};
+use crate::{Certificate, Characteristic, ObjectClass, ReplayEffects};
 
 /// Smallest and largest sampling rate (Hz).
 pub const RATES_HZ: [f64; 2] = [1e-3, 1e6];
@@ -59,6 +59,10 @@ pub struct Recorded {
     /// Coefficients `c1, c2, c3` of the conversion from readings to nominal moments: `counts - rest_counts = c1 M + c2
     /// M^2 + c3 M^3`, `M` in N m.
     pub characteristic: [f64; 3],
+    /// Smallest and largest moment of the range in which the conversion inverts this polynomial; beyond it, the conversion is
+    /// linear. `None` in recordings imported before it was stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range_n_m: Option<[f64; 2]>,
     /// RMS residual of the calibration's readings with this characteristic and whisker.
     pub residual_counts: f64,
     /// Reading at rest.
@@ -222,6 +226,11 @@ impl Sidecar {
 }
 
 impl Recorded {
+    /// Characteristic of the sensor. `None` if its range is not stated.
+    pub fn characteristic(&self) -> Option<Characteristic> {
+        Some(Characteristic { coefficients: self.characteristic.to_vec(), range_n_m: self.range_n_m? })
+    }
+
     fn validate(&self, path: &Path) -> Result<(), Error> {
         let key = |name: &str| format!("recorded.{name}");
         if self.characteristic[0] == 0.0 {
@@ -231,6 +240,10 @@ impl Recorded {
                 "a zero first coefficient",
                 "a nonzero first coefficient",
             ));
+        }
+        if let Some(found) = self.characteristic().filter(|characteristic| !characteristic.is_valid()) {
+            let expected = "a range that contains 0 and on which the characteristic is monotone";
+            return Err(Error::value(path, key("range_n_m"), format!("{:?}", found.range_n_m), expected));
         }
         let not_negative = [
             ("residual_counts", self.residual_counts),

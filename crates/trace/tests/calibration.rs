@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use files::{Watermark, read_json, write_json};
-use serde_json::Value;
-use trace::{CalibrationFile, FaceFile, FittedData};
+use serde_json::{Value, json};
+use trace::{CalibrationFile, Characteristic, FaceFile, FittedData, SensorFile};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::sensor::{self, Face, Fit, FitData, Sample};
@@ -93,4 +93,33 @@ fn robust_errors_state_file_and_key() {
     }
     let by_hand = refused(&path, |file| file["faces"][0]["largest_reading_n_m"] = 1.0.into());
     assert!(by_hand.contains("faces_sha256"), "{by_hand}");
+}
+
+#[test]
+fn verif_the_sensor_of_recordings_is_stored_and_is_the_only_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("straight.json");
+    let characteristic = Characteristic::new(vec![-3e7, 0.0, -1.2e15], [-6e-5, 0.0]).unwrap();
+    let sensor = SensorFile::recorded("straight", characteristic, 1e-7);
+    let stored = CalibrationFile { sensor: Some(sensor.clone()), ..calibration(&fits()) };
+    write_json(&path, &stored).unwrap();
+    let file = CalibrationFile::read(&path).unwrap();
+    assert_eq!(file, stored);
+    for label in [None, Some("straight.straight")] {
+        assert_eq!(file.sensor_of_counts(&path, label).unwrap(), &sensor);
+    }
+
+    let other = file.sensor_of_counts(&path, Some("a.s")).unwrap_err().to_string();
+    assert!(other.ends_with("straight.json: sensor: found straight.straight, expected `a.s` among them"), "{other}");
+    let none = calibration(&fits()).sensor_of_counts(&path, None).unwrap_err().to_string();
+    assert!(none.contains("straight.json: sensor: found none, expected one"), "{none}");
+
+    let two = refused(&path, |file| {
+        file["front_end"] = json!({"name": "hall", "config": {}, "sensors": [file["sensor"]]});
+    });
+    assert!(two.ends_with("sensor: found one beside `front_end`, expected one of the two"), "{two}");
+    let falls = refused(&path, |file| file["sensor"]["characteristic"]["range_n_m"] = json!([1e-5, 2e-5]));
+    assert!(falls.contains("changed.json: sensor.characteristic: found"), "{falls}");
+    let noise = refused(&path, |file| file["sensor"]["noise_sd_n_m"] = json!(-1));
+    assert!(noise.ends_with("sensor.noise_sd_n_m: found -1, expected a number of 0 or more"), "{noise}");
 }

@@ -80,3 +80,23 @@ fn robust_a_velocity_that_is_not_two_numbers_is_refused() {
 fn val_sha256_matches_the_published_test_vector() {
     assert_eq!(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
+
+#[test]
+fn robust_a_range_in_which_a_characteristic_is_not_monotone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("golden_pin.json");
+    let read = |range_n_m: serde_json::Value| {
+        let mut sidecar: serde_json::Value = files::read_json(&golden().join("golden_pin.json")).unwrap();
+        sidecar["recorded"] = json!({
+            "clock": "recorded", "characteristic": [1e7, 0.0, -1e15], "range_n_m": range_n_m, "residual_counts": 1.0,
+            "rest_counts": 0.0, "noise_sd_n_m": 1e-7, "touch_counts": 1.0,
+        });
+        files::write_json(&path, &sidecar).unwrap();
+        Sidecar::read(&path)
+    };
+    let recorded = read(json!([-5e-5, 5e-5])).unwrap().recorded.unwrap();
+    assert_eq!(recorded.characteristic().unwrap().range_n_m, [-5e-5, 5e-5]);
+    // The slope changes its sign at 5.8e-5 N m.
+    let error = read(json!([-5e-5, 6e-5])).unwrap_err().to_string();
+    assert!(error.contains("golden_pin.json: recorded.range_n_m: found [-5e-5, 6e-5], expected a range"), "{error}");
+}

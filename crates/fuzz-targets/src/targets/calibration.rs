@@ -37,6 +37,11 @@ pub(super) fn run(bytes: &[u8]) {
             }
         }
     }
+    for sensor in file.sensors() {
+        for counts in [-1e6, 0.0, 1e6] {
+            sensor.characteristic.moment_n_m(counts);
+        }
+    }
     let path = scratch::file(FILE, text.to_string());
     assert_eq!(CalibrationFile::read(&path).expect("written data can be read"), file);
 }

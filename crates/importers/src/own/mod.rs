@@ -302,6 +302,7 @@ impl<'a> Sampled<'a> {
             recorded: Some(Recorded {
                 clock: clock.into(),
                 characteristic: coefficients,
+                range_n_m: Some(sensor.conversion.characteristic.range_n_m),
                 residual_counts: sensor.conversion.residual,
                 rest_counts: self.at_rest.rest,
                 noise_sd_n_m: self.at_rest.noise_sd / coefficients[0].abs(),

@@ -63,6 +63,7 @@ fn verif_noise_of_a_free_whisker_has_no_face() {
     trace.sidecar.recorded = Some(Recorded {
         clock: "recorded".into(),
         characteristic: [1.0, 0.0, 0.0],
+        range_n_m: None,
         residual_counts: 0.0,
         rest_counts: 0.0,
         noise_sd_n_m: 1e-7,

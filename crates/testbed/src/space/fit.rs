@@ -128,6 +128,7 @@ fn fit_whisker(
         noise_fraction: settings.noise,
         seed: settings.seed,
         front_end: None,
+        sensor: None,
         data_sha256,
         traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
     };

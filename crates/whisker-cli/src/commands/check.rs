@@ -121,10 +121,12 @@ fn check(path: &Path) -> anyhow::Result<String> {
                     Some(format!("{face} ({label}, held-out RMS {share:.3} % of the largest reading)"))
                 })
                 .collect();
-            let sensors = calibration.front_end.map_or_else(String::new, |front_end| {
-                let sensors: Vec<_> = front_end.sensors.iter().map(SensorFile::label).collect();
-                format!("; through `{}`, sensors {}", front_end.name, sensors.join(", "))
-            });
+            let labels: Vec<_> = calibration.sensors().map(SensorFile::label).collect();
+            let sensors = match &calibration.front_end {
+                Some(front_end) => format!("; through `{}`, sensors {}", front_end.name, labels.join(", ")),
+                None if labels.is_empty() => String::new(),
+                None => format!("; sensor {} of recordings", labels.join(", ")),
+            };
             Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))
         }
         Some("run") => {

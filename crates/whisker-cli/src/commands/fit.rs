@@ -89,6 +89,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for (trace, gated, rows) in fitted.iter().flat_map(|whisker| &whisker.gated) {
         eprintln!("gated: {gated} of {rows} readings of {trace}, far above all others");
     }
+    for reason in fitted.iter().flat_map(|whisker| &whisker.no_sensor) {
+        eprintln!("no sensor, so that live estimation takes no counts: {reason}");
+    }
     let mut rows = Vec::new();
     for whisker in &fitted {
         for face in &whisker.calibration.faces {

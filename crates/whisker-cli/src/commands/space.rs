@@ -271,6 +271,7 @@ mod tests {
         sidecar.recorded = Some(Recorded {
             clock: "none".into(),
             characteristic: [1.0, 0.0, 0.0],
+            range_n_m: None,
             residual_counts: 1.0,
             rest_counts: 0.0,
             noise_sd_n_m: 1e-7,

@@ -209,6 +209,7 @@ fn robust_recordings_of_real_sensors_are_rejected() {
     trace.sidecar.recorded = Some(Recorded {
         clock: "nominal".into(),
         characteristic: [1.0, 0.0, 0.0],
+        range_n_m: None,
         residual_counts: 0.0,
         rest_counts: 0.0,
         noise_sd_n_m: 0.0,
