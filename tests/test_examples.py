@@ -69,11 +69,12 @@ def test_each_filter_rejects_the_protocol_of_the_other() -> None:
         assert f"protocol: found {protocol}, expected {expected}" in done.stderr
 
 
-def test_the_stream_converts_counts_to_moments() -> None:
-    characteristic = [-3e7, 4e9, -1e15]
-    for moment_n_m in (-2.5e-5, -1e-6, 0.0, 2.5e-5):
-        counts = sum(of * moment_n_m**power for power, of in enumerate(characteristic, start=1))
-        assert STREAM["moment_n_m"](counts, characteristic) == pytest.approx(moment_n_m, abs=1e-12)
+def test_the_stream_sends_the_counts_of_every_row_and_begins_with_the_free_whisker() -> None:
+    lines = list(STREAM["lines"]())
+    assert len(lines) == len((ROOT / "examples" / "own-data" / "trial_1.csv").read_text(encoding="utf-8").splitlines()) - 1
+    assert all(set(line) == {"t_s", "base_x_m", "base_y_m", "base_yaw_rad", "counts"} for line in lines)
+    end_s = lines[0]["t_s"] + STREAM["FIRST_LINE"]["zeroing_s"]
+    assert [line["counts"] for line in lines if line["t_s"] <= end_s] == pytest.approx([512.0] * 30, abs=6.0)
 
 
 def test_the_stream_states_the_pose_of_the_root() -> None:

@@ -2,8 +2,8 @@
 
     python examples/own-data/stream.py | whisker live --calibration datasets/lab/calibrations/lab-whisker.json
 
-`whisker import csv examples/own-data/import.json --out datasets/lab` and `whisker fit datasets/lab` make the files that are read
-here. On a robot, replace `rows` by your drivers.
+`whisker import csv examples/own-data/import.json --out datasets/lab` and `whisker fit datasets/lab` make the calibration, which
+converts the counts. On a robot, replace `rows` by your drivers.
 """
 
 import csv
@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 RECORDING = Path(__file__).with_name("trial_1.csv")
-SIDECAR = Path("datasets/lab/trial_1.json")
-"""Sidecar of an imported trace, with the rest, the noise and the characteristic of the sensor."""
 
-RATE_HZ = 100.0
+FIRST_LINE = {"protocol": 1, "rate_hz": 100.0, "zeroing_s": 0.3}
+"""The whisker is free for `zeroing_s`."""
+
 BASE_IN_FLANGE = (0.030, -0.010, math.pi / 2)
 """Root of the whisker in the frame of the flange (m, m, rad), as in `import.json`."""
 
@@ -28,15 +28,6 @@ def rows() -> Iterator[tuple[float, tuple[float, float, float], float]]:
         for row in csv.DictReader(file):
             x_m, y_m = 1e-3 * float(row["flange_x_mm"]), 1e-3 * float(row["flange_y_mm"])
             yield 1e-3 * float(row["time_ms"]), (x_m, y_m, math.radians(float(row["flange_yaw_deg"]))), float(row["hall_counts"])
-
-
-def moment_n_m(counts: float, characteristic: list[float]) -> float:
-    """Moment at which c1 M + c2 M^2 + c3 M^3 equals the counts above rest, by Newton's method."""
-    c1, c2, c3 = characteristic
-    moment = counts / c1
-    for _ in range(20):
-        moment -= (c1 * moment + c2 * moment**2 + c3 * moment**3 - counts) / (c1 + 2 * c2 * moment + 3 * c3 * moment**2)
-    return moment
 
 
 def base(flange: tuple[float, float, float]) -> dict[str, float]:
@@ -51,17 +42,21 @@ def base(flange: tuple[float, float, float]) -> dict[str, float]:
     }
 
 
+def lines() -> Iterator[dict[str, float]]:
+    """Counts with the pose at their time, for each row."""
+    for t_s, flange, counts in rows():
+        yield {"t_s": t_s, **base(flange), "counts": counts}
+
+
 def main() -> None:
-    """Prints the first line, then a reading with its pose at the time of each row."""
-    sensor = json.loads(SIDECAR.read_text(encoding="utf-8"))["recorded"]
-    print(json.dumps({"protocol": 1, "rate_hz": RATE_HZ, "noise_sd_n_m": sensor["noise_sd_n_m"]}), flush=True)
+    """Prints the first line, then the others at their times."""
+    print(json.dumps(FIRST_LINE), flush=True)
     begin_s = time.monotonic()
     first_s = None
-    for t_s, flange, counts in rows():
-        first_s = t_s if first_s is None else first_s
-        time.sleep(max(0.0, t_s - first_s - (time.monotonic() - begin_s)))
-        reading_n_m = moment_n_m(counts - sensor["rest_counts"], sensor["characteristic"])
-        print(json.dumps({"t_s": t_s, **base(flange), "reading_n_m": reading_n_m}), flush=True)
+    for line in lines():
+        first_s = line["t_s"] if first_s is None else first_s
+        time.sleep(max(0.0, line["t_s"] - first_s - (time.monotonic() - begin_s)))
+        print(json.dumps(line), flush=True)
 
 
 if __name__ == "__main__":

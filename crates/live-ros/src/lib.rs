@@ -21,7 +21,6 @@
 
 mod arm;
 mod chain;
-mod counts;
 mod drawing;
 mod epoch;
 mod frames;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use bag::messages::{MagneticField, MagneticFieldArray};
 use bag::{Message, topics};
 use files::{Error, FORMAT, read_json};
+use live::counts::{MODULI, ZEROING_S, ZEROINGS_S};
 use live::{MOST_NOISE_N_M, Timing};
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
@@ -18,9 +19,6 @@ use crate::chain::Plane;
 
 /// Kind of the file.
 const KIND: &str = "contact_mapping";
-
-/// Longest zeroing (s).
-const MOST_ZEROING_S: f64 = 60.0;
 
 /// Largest number of whiskers.
 const MOST_WHISKERS: usize = 64;
@@ -121,8 +119,9 @@ pub struct CountsEntry {
     /// Topic of the reference sensor, if the calibration has a common mode.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<String>,
-    /// Name of the sensor in the calibration's front end, `array.sensor`.
-    pub sensor: String,
+    /// Name of the sensor in the calibration, `array.sensor`. Missing: the calibration has one sensor alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
     /// Axis that is read.
     #[serde(default)]
     pub axis: Axis,
@@ -196,7 +195,7 @@ fn base_frame() -> String {
 }
 
 fn zeroing_s() -> f64 {
-    1.0
+    ZEROING_S
 }
 
 impl Mapping {
@@ -287,8 +286,8 @@ impl CountsEntry {
     fn check(&self, path: &Path, key: impl Fn(&str) -> String) -> Result<(), Error> {
         is_topic(path, &key("counts.topic"), &self.topic)?;
         self.reference.iter().try_for_each(|topic| is_topic(path, &key("counts.reference"), topic))?;
-        within(path, &key("counts.zeroing_s"), self.zeroing_s, 0.01, MOST_ZEROING_S)?;
-        self.modulo.iter().try_for_each(|modulo| within(path, &key("counts.modulo"), *modulo, 2.0, 4_294_967_296.0))
+        within(path, &key("counts.zeroing_s"), self.zeroing_s, ZEROINGS_S[0], ZEROINGS_S[1])?;
+        self.modulo.iter().try_for_each(|modulo| within(path, &key("counts.modulo"), *modulo, MODULI[0], MODULI[1]))
     }
 }
 

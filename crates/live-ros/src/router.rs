@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use bag::messages::{AnyMessage, JointState, MagneticField, TfMessage, WrenchStamped};
 use bag::{Message, topics};
+use live::counts::Stream;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::chain::{Measured, Part};
-use crate::counts::Stream;
 use crate::epoch::Epoch;
 use crate::frames::FrameTransform;
 use crate::mapping::{CountsEntry, Mapping};

@@ -6,18 +6,18 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use files::Error;
 use live::LiveEstimator;
+use live::counts::{Counts, Sensor};
 use serde_json::Value;
 use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::Observer;
 use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
-use trace::{CalibrationFile, SensorFile};
+use trace::{CalibrationFile, CrossTalk, SensorFile};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
 
 use crate::arm::{Arm, read_urdf};
 use crate::chain::{Chain, Source};
-use crate::counts::{Counts, Sensor};
 use crate::epoch::Epoch;
 use crate::frames::Frames;
 use crate::mapping::{CountsEntry, Mapping, WhiskerEntry};
@@ -74,7 +74,8 @@ impl Common<'_> {
         let file = beside(self.path, &entry.calibration);
         let calibration = CalibrationFile::read(&file)?;
         check_fitted_traces(&file, &calibration)?;
-        let sensor = entry.counts.as_ref().map(|counts| sensor(&file, &calibration, &counts.sensor)).transpose()?;
+        let labelled = |label: Option<&str>| calibration.sensor_of_counts(&file, label);
+        let sensor = entry.counts.as_ref().map(|counts| labelled(counts.sensor.as_deref())).transpose()?.cloned();
         if entry.moment.is_some() && calibration.front_end.is_some() {
             let found = "moment, with a calibration of a sensor's counts";
             let key = format!("whiskers[{index}].moment");
@@ -96,9 +97,7 @@ impl Common<'_> {
             (Some(counts), Some(sensor)) => {
                 let neighbours = neighbours_of(self.mapping, &sensor)?;
                 router.add_neighbours(index, &neighbours);
-                Some(
-                    self.counts(index, counts, sensor, &neighbours, &|label| self::sensor(&file, &calibration, label))?,
-                )
+                Some(self.counts(index, counts, sensor, &neighbours, &|label| labelled(Some(label)).cloned())?)
             }
             _ => None,
         };
@@ -138,7 +137,7 @@ impl Common<'_> {
         }
         let mut neighbours = Vec::new();
         for (talk, other) in own.cross_talk.iter().zip(others) {
-            let of_other = sensor(&other.sensor)?;
+            let of_other = sensor(&of_talk(&own, talk))?;
             neighbours.push((talk.clone(), Sensor::new(of_other, other.axis as usize, other.modulo)));
         }
         let own = Sensor::new(own, entry.axis as usize, entry.modulo);
@@ -151,9 +150,9 @@ impl Common<'_> {
 fn neighbours_of<'a>(mapping: &'a Mapping, own: &SensorFile) -> anyhow::Result<Vec<&'a CountsEntry>> {
     let mut found = Vec::new();
     for talk in &own.cross_talk {
-        let label = format!("{}.{}", own.array, talk.from);
+        let label = of_talk(own, talk);
         let mut counts = mapping.whiskers.iter().filter_map(|whisker| whisker.counts.as_ref());
-        let Some(other) = counts.find(|counts| counts.sensor == label) else {
+        let Some(other) = counts.find(|counts| counts.sensor.as_ref() == Some(&label)) else {
             bail!(
                 "whiskers: found none with the sensor `{label}`, expected one: the calibration of `{}` has a cross-talk from it",
                 own.label()
@@ -164,14 +163,9 @@ fn neighbours_of<'a>(mapping: &'a Mapping, own: &SensorFile) -> anyhow::Result<V
     Ok(found)
 }
 
-/// The sensor of a calibration with this label.
-fn sensor(path: &Path, calibration: &CalibrationFile, label: &str) -> Result<SensorFile, Error> {
-    let sensors = || calibration.front_end.iter().flat_map(|front_end| &front_end.sensors);
-    sensors().find(|sensor| sensor.label() == label).cloned().ok_or_else(|| {
-        let known: Vec<_> = sensors().map(SensorFile::label).collect();
-        let found = if known.is_empty() { "none".into() } else { known.join(", ") };
-        Error::value(path, "front_end.sensors", found, format!("`{label}` among them"))
-    })
+/// Label of the sensor from which a sensor has a cross-talk.
+fn of_talk(own: &SensorFile, talk: &CrossTalk) -> String {
+    format!("{}.{}", own.array, talk.from)
 }
 
 /// Path of a file that a mapping names.

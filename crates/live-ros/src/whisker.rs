@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bag::messages::{DiagnosticStatus, Header, KeyValue, Level, PoseWithCovariance, PoseWithCovarianceStamped, Time};
+use live::counts::{Converted, Counts, Reading, Stream};
 use live::{Answer, Event, LiveEstimator, Output, Status};
 use testbed::contour::Contour;
 use testbed::map::{Observer, View};
@@ -12,7 +13,6 @@ use whisker::estimators::{Installation, Knowledge, Uncertain};
 use whisker::frames::{Base, Point};
 
 use crate::chain::{Chain, Measured, Plane};
-use crate::counts::{Counts, Stream};
 use crate::drawing::{InSpace, Shape};
 use crate::epoch::Epoch;
 
@@ -196,9 +196,10 @@ impl Whisker {
 
     /// Passes complete counts on as readings.
     fn convert(&mut self, now_s: f64) -> anyhow::Result<()> {
-        while let Some((t_s, reading_n_m, at_s)) = self.counts.as_mut().and_then(|counts| counts.next(now_s)) {
+        while let Some(converted) = self.counts.as_mut().and_then(|counts| counts.next(now_s)) {
+            let Converted { t_s, arrived_s, reading: Reading::Of(reading_n_m) } = converted else { continue };
             // Its arrival is that of the counts; the clock of arrivals does not run back.
-            self.estimator.reading(t_s, reading_n_m, at_s, &mut self.out)?;
+            self.estimator.reading(t_s, reading_n_m, arrived_s, &mut self.out)?;
         }
         Ok(())
     }

@@ -287,13 +287,24 @@ fn robust_transforms_that_stop_or_jump_stop_the_contacts() {
 
 /// Mapping and messages of a sensor with offset, common mode and a counter that wraps, made from the moments of the trace.
 fn with_counts(bench: &Bench) -> (PathBuf, Vec<(f64, String, AnyMessage)>) {
+    with_sensor(bench, [0.02, 1.1])
+}
+
+/// The same of a sensor with this common mode. Without one, the sensor is that of recordings, which the mapping need not name.
+fn with_sensor(bench: &Bench, common_mode: [f64; 2]) -> (PathBuf, Vec<(f64, String, AnyMessage)>) {
+    let is_recorded = common_mode == [0.0; 2];
     let mut calibration: Value = serde_json::from_slice(&fs::read(&bench.calibration).expect("read")).expect("JSON");
     let gain = 2.0e6;
-    calibration["front_end"] = json!({"name": "hall", "config": {}, "sensors": [{
-        "name": "s", "array": "a", "common_mode": [0.02, 1.1], "cross_talk": [],
+    let sensor = json!({
+        "name": "s", "array": "a", "common_mode": common_mode, "cross_talk": [],
         "characteristic": {"coefficients": [-gain], "range_n_m": [-1e-3, 1e-3]},
         "noise_sd_n_m": NOISE_SD_N_M, "offset_sd_n_m": 0.0, "gain_sd": 0.0,
-    }]});
+    });
+    if is_recorded {
+        calibration["sensor"] = sensor;
+    } else {
+        calibration["front_end"] = json!({"name": "hall", "config": {}, "sensors": [sensor]});
+    }
     let path = bench.folder.path().join("counts.json");
     fs::write(&path, calibration.to_string()).expect("written");
     let field = |time_ns: u64, x: f64, y: f64| MagneticField {
@@ -310,7 +321,7 @@ fn with_counts(bench: &Bench) -> (PathBuf, Vec<(f64, String, AnyMessage)>) {
     for (t_s, moment_n_m, base) in at_rest.chain(moving) {
         let time_ns = (1e9 * t_s).round() as u64;
         let (x, y) = (30.0 * (3.0 * t_s).sin(), 50.0 * (2.0 * t_s).cos());
-        let counts = (32_000.0 + 0.02 * x + 1.1 * y - gain * moment_n_m).rem_euclid(65536.0);
+        let counts = (32_000.0 + common_mode[0] * x + common_mode[1] * y - gain * moment_n_m).rem_euclid(65536.0);
         messages.push((t_s, "/reference".to_owned(), AnyMessage::MagneticField(field(time_ns, x, y))));
         messages.push((t_s, "/counts".to_owned(), AnyMessage::MagneticField(field(time_ns, 0.0, counts))));
         if let Some(base) = base {
@@ -325,9 +336,13 @@ fn with_counts(bench: &Bench) -> (PathBuf, Vec<(f64, String, AnyMessage)>) {
         let whisker = mapping["whiskers"][0].as_object_mut().expect("an object");
         whisker.remove("moment");
         whisker.insert("calibration".into(), json!(path));
-        whisker.insert("counts".into(), json!({
-            "topic": "/counts", "message": "MagneticField", "reference": "/reference", "sensor": "a.s", "modulo": 65536,
-        }));
+        let mut counts = json!({"topic": "/counts", "message": "MagneticField", "modulo": 65536});
+        if is_recorded {
+            whisker.remove("noise_sd_n_m");
+        } else {
+            (counts["reference"], counts["sensor"]) = (json!("/reference"), json!("a.s"));
+        }
+        whisker.insert("counts".into(), counts);
     });
     (mapping, messages)
 }
@@ -346,6 +361,30 @@ fn verif_counts_give_the_contacts_of_their_moments() {
     let bench = Bench::new("golden_pin");
     let (mapping, messages) = with_counts(&bench);
     assert_same(&play(&mut read(&mapping), &messages).contacts, &bench.replayed("ekf"));
+}
+
+#[test]
+fn verif_counts_of_the_sensor_of_recordings_give_the_contacts_of_their_moments() {
+    let bench = Bench::new("golden_pin");
+    let (mapping, messages) = with_sensor(&bench, [0.0; 2]);
+    assert_same(&play(&mut read(&mapping), &messages).contacts, &bench.replayed("ekf"));
+}
+
+#[test]
+fn robust_counts_of_a_sensor_that_the_calibration_lacks_are_refused() {
+    let bench = Bench::new("golden_pin");
+    let (mapping, _) = with_counts(&bench);
+    let refused = |change: &dyn Fn(&mut Value)| {
+        let mut changed: Value = serde_json::from_slice(&fs::read(&mapping).expect("read")).expect("JSON");
+        change(&mut changed["whiskers"][0]);
+        let path = bench.folder.path().join("changed.json");
+        fs::write(&path, changed.to_string()).expect("written");
+        format!("{:#}", Setup::read(&path).err().expect("an error"))
+    };
+    let other = refused(&|whisker| whisker["counts"]["sensor"] = json!("a.t"));
+    assert!(other.ends_with("counts.json: front_end.sensors: found a.s, expected `a.t` among them"), "{other}");
+    let moments = refused(&|whisker| whisker["calibration"] = json!(bench.calibration));
+    assert!(moments.contains("straight.json: sensor: found none, expected one, by which counts"), "{moments}");
 }
 
 #[test]

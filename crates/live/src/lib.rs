@@ -13,6 +13,7 @@
 //! | [`Kind`], [`Planar`], [`Spatial`] | estimators of the plane and of space |
 //! | [`Motion`], [`Poses`], [`SpatialPoses`] | motion of the base between its measurements |
 //! | [`Samples`] | values over time and their interpolation |
+//! | [`counts`] | conversion of the counts of a sensor to readings |
 //! | [`Timing`] | longest waits and gaps, smallest jump of a clock |
 //! | [`Counters`], [`Event`], [`Status`] | what happened to the messages |
 //! | [`play()`], [`Disturbance`] | recordings as streams, with lost, delayed and swapped messages |
@@ -81,6 +82,7 @@
 
 mod clock;
 mod counters;
+pub mod counts;
 mod disturbance;
 mod estimator;
 mod event;

@@ -88,6 +88,11 @@ fn parsed(stdout: &[u8]) -> Vec<Value> {
 
 /// Asserts that answers have the contacts of a replay.
 fn assert_same(answers: &[&Value], rows: &[EstimateRow], of: &str) {
+    assert_within(1e-12, answers, rows, of);
+}
+
+/// Asserts that answers have the contacts of a replay to within a distance.
+fn assert_within(most_m: f64, answers: &[&Value], rows: &[EstimateRow], of: &str) {
     assert_eq!(answers.len(), rows.len(), "{of}");
     let mut contacts = 0;
     for (answer, row) in answers.iter().zip(rows) {
@@ -101,7 +106,7 @@ fn assert_same(answers: &[&Value], rows: &[EstimateRow], of: &str) {
         let y = number("contact_y_m");
         let found = [number("base_x_m") + cos * x - sin * y, number("base_y_m") + sin * x + cos * y];
         let off_m = (found[0] - row.contact_x_m.unwrap()).hypot(found[1] - row.contact_y_m.unwrap());
-        assert!(off_m < 1e-12, "{of}: {off_m} m at {} s", row.t_s);
+        assert!(off_m < most_m, "{of}: {off_m} m at {} s", row.t_s);
         contacts += 1;
     }
     assert!(contacts > 100, "{of}: {contacts} contacts");
@@ -217,6 +222,92 @@ fn verif_an_evaluation_runs_it_as_an_external_program() {
             assert!(off_m < 1e-9, "{trace}: {off_m} m");
         }
         assert!(contacts > 100);
+    }
+}
+
+/// Counts of the sensor below at a moment.
+const REST: f64 = 65_500.0;
+const COUNTS_PER_N_M: f64 = -2e6;
+const COMMON_MODE: [f64; 2] = [0.02, 1.1];
+const MODULO: f64 = 65_536.0;
+
+/// Copy of the calibration with a sensor, which has a common mode, of a front end.
+fn with_sensor(bench: &Bench) -> String {
+    let mut calibration: Value = serde_json::from_slice(&fs::read(bench.calibration()).unwrap()).unwrap();
+    calibration["front_end"] = json!({"name": "hall", "config": {}, "sensors": [{
+        "name": "s", "array": "a", "common_mode": COMMON_MODE, "cross_talk": [],
+        "characteristic": {"coefficients": [COUNTS_PER_N_M], "range_n_m": [-1e-3, 1e-3]},
+        "noise_sd_n_m": 1e-7, "offset_sd_n_m": 0.0, "gain_sd": 0.0,
+    }]});
+    let path = bench.path("sensor.json");
+    fs::write(&path, calibration.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn verif_counts_of_a_calibrated_sensor_have_the_contacts_of_their_moments() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let mut first = bench.prior("pin", None, &rows);
+    (first["sensor"], first["modulo"]) = ("a.s".into(), MODULO.into());
+    let line = |t_s: f64, n_m: f64| {
+        let [x, y] = [30.0 * (3.0 * t_s).sin(), 50.0 * (2.0 * t_s).cos()];
+        let counts = REST + COMMON_MODE[0] * x + COMMON_MODE[1] * y + COUNTS_PER_N_M * n_m;
+        json!({"t_s": t_s, "counts": counts.rem_euclid(MODULO), "reference_counts": [x, y]})
+    };
+    // A second of rest before the trace.
+    let at_rest = (1..=251).rev().map(|step| line(rows[0].t_s - 0.004 * f64::from(step), 0.0));
+    let moving = rows.iter().flat_map(|row| {
+        let [pose, reading] = lines(None, row);
+        [pose, line(row.t_s, reading["reading_n_m"].as_f64().unwrap())]
+    });
+    let input: Vec<Value> = std::iter::once(first).chain(at_rest).chain(moving).collect();
+    let output = fed(&["live", "--calibration", &with_sensor(&bench), "--estimator", "ekf"], &input);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let answers = parsed(&output.stdout);
+    let (zeroing, answers): (Vec<&Value>, Vec<&Value>) =
+        answers.iter().partition(|answer| answer["status"] == "zeroing");
+    assert_eq!(zeroing.len(), 251);
+    assert_within(1e-8, &answers, &rows, "counts");
+}
+
+#[test]
+fn robust_counts_that_cannot_be_converted_are_named() {
+    let bench = Bench::new();
+    let (without, with) = (bench.calibration(), with_sensor(&bench));
+    let first = json!({"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7});
+    let pose = json!({"base_x_m": 0, "base_y_m": 0, "base_yaw_rad": 0});
+    let changed = |of: &Value, keys: Value| {
+        let mut line = of.clone();
+        line.as_object_mut().unwrap().extend(keys.as_object().unwrap().clone());
+        line
+    };
+    let one_error = |calibration: &str, first: &Value, line: Value, code: i32, words: &[&str]| {
+        let output = fed(&["live", "--calibration", calibration, "--estimator", "ekf"], &[first.clone(), line]);
+        let errors = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{errors}");
+        let said: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+        let [error] = said[..] else { panic!("printed: {errors}") };
+        assert!(words.iter().all(|words| error.contains(words)) && error.contains("expected"), "{words:?}: {error}");
+    };
+    let counts = changed(&pose, json!({"t_s": 0, "counts": 500}));
+    let none = ["stdin: line 2, counts: found those of a whisker", without.as_str(), "has no sensor", "reading_n_m"];
+    one_error(&without, &first, counts.clone(), 3, &none);
+    // A calibration through a front end is one of moments unless the first line states otherwise.
+    one_error(&with, &first, counts.clone(), 3, &["first line states no sensor", "sensor.json: a.s"]);
+    let both = changed(&counts, json!({"reading_n_m": 0}));
+    one_error(&without, &first, both, 3, &["stdin: line 2, found reading_n_m and counts, expected one of the two"]);
+    let of_sensor = changed(&first, json!({"sensor": "a.s"}));
+    one_error(&with, &of_sensor, counts.clone(), 3, &["line 2, reference_counts: found none", "sensor.json"]);
+
+    for (calibration, keys, words) in [
+        (&without, json!({"zeroing_s": 1}), ["sensor: found none", "whisker fit"]),
+        (&without, json!({"noise_sd_n_m": null}), ["noise_sd_n_m: found none", "states no sensor"]),
+        (&with, json!({"sensor": "a.t"}), ["front_end.sensors: found a.s", "`a.t` among them"]),
+        (&with, json!({"zeroing_s": 0}), ["zeroing_s: found 0", "0.01 to 60"]),
+        (&with, json!({"modulo": 1}), ["modulo: found 1", "2 to 4294967296"]),
+    ] {
+        one_error(calibration, &changed(&first, keys), counts.clone(), 1, &[&["stdin: line 1"], &words[..]].concat());
     }
 }
 

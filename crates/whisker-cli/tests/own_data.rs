@@ -4,14 +4,16 @@
 mod made;
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use bag::messages::{
     Header, MagneticField, Point as RosPoint, Pose as RosPose, PoseStamped, Quaternion, Time, Vector3,
 };
 use bag::{Publisher, Writer};
-use trace::{Sidecar, Trace};
+use serde_json::{Value, json};
+use trace::{CalibrationFile, Recorded, SensorFile, Sidecar, Trace};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -191,6 +193,107 @@ fn verif_a_topic_whose_name_begins_with_that_of_an_earlier_one() {
         fs::read(traces.join("trial_1.csv")).unwrap()
     };
     assert_eq!(moments("/flange/hall"), moments("/magnetometer"));
+}
+
+/// Answers of `whisker live` with this calibration to lines on stdin.
+fn lived(calibration: &Path, lines: &[Value]) -> Vec<Value> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
+    command.args(["live", "--calibration", text(calibration), "--estimator", "ekf"]);
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let input: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let writes = std::thread::spawn(move || stdin.write_all(input.as_bytes()).unwrap());
+    let output = child.wait_with_output().unwrap();
+    writes.join().unwrap();
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{errors}");
+    let answers = String::from_utf8(output.stdout).unwrap();
+    answers.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn verif_live_counts_have_the_contacts_of_their_moments() {
+    let (work, mapping) = (tempfile::tempdir().unwrap(), example().join("import.json"));
+    let traces = work.path().join("lab");
+    good(&["import", "csv", text(&mapping), "--out", text(&traces)]);
+    let (_, notes) = good(&["fit", text(&traces), "--model", "spline"]);
+    assert!(!notes.contains("no sensor"), "{notes}");
+    let calibration = traces.join("calibrations/lab-whisker.json");
+    let (checked, _) = good(&["check", text(&calibration)]);
+    assert!(checked.contains("sensor lab-whisker.lab-whisker of recordings"), "{checked}");
+
+    // The sensor is that of the import.
+    let sensor = CalibrationFile::read(&calibration).unwrap().sensor.unwrap();
+    let recorded = |name: &str| Sidecar::read(&traces.join(name)).unwrap().recorded.unwrap();
+    assert_eq!(Some(&sensor.characteristic), recorded("trial_1.json").characteristic().as_ref());
+    let of_calibration: Vec<Recorded> = (1..=4).map(|index| recorded(&format!("calibration_{index}.json"))).collect();
+    let mean_square = of_calibration.iter().map(|of| of.noise_sd_n_m.powi(2)).sum::<f64>() / 4.0;
+    assert_eq!(sensor.noise_sd_n_m, mean_square.sqrt());
+
+    let trial = Trace::read(&traces.join("trial_1.csv")).unwrap();
+    let rest = trial.sidecar.recorded.as_ref().unwrap().rest_counts;
+    let rows: Vec<(f64, Value, f64)> = trial
+        .recording
+        .instants
+        .iter()
+        .map(|now| {
+            let (at, yaw_rad) = (now.base.origin(), now.base.yaw_rad());
+            let pose = json!({"t_s": now.t_s, "base_x_m": at.x(), "base_y_m": at.y(), "base_yaw_rad": yaw_rad});
+            (now.t_s, pose, rest + sensor.characteristic.counts(now.moment_z_n_m))
+        })
+        .collect();
+    let with = |pose: &Value, key: &str, value: f64| {
+        let mut line = pose.clone();
+        line[key] = value.into();
+        line
+    };
+    let mut of_counts = vec![json!({"protocol": 1, "rate_hz": 100, "zeroing_s": 0.3})];
+    of_counts.extend(rows.iter().map(|(_, pose, counts)| with(pose, "counts", *counts)));
+    let answers = lived(&calibration, &of_counts);
+    assert_eq!(answers.len(), rows.len());
+    let (zeroing, answers) =
+        answers.split_at(answers.iter().take_while(|answer| answer["status"] == "zeroing").count());
+    assert_eq!(zeroing.len(), 31);
+    assert!(zeroing.iter().zip(&rows).all(|(answer, (t_s, ..))| *answer == json!({"t_s": t_s, "status": "zeroing"})));
+
+    let (at_rest, moving) = rows.split_at(zeroing.len());
+    let zero = at_rest.iter().map(|(_, _, counts)| counts).sum::<f64>() / at_rest.len() as f64;
+    let noise_sd_n_m = sensor.noise_sd_n_m;
+    let mut of_moments = vec![json!({"protocol": 1, "rate_hz": 100, "noise_sd_n_m": noise_sd_n_m})];
+    of_moments.extend(
+        moving
+            .iter()
+            .map(|(_, pose, counts)| with(pose, "reading_n_m", sensor.characteristic.moment_n_m(counts - zero))),
+    );
+    assert_eq!(answers, lived(&calibration, &of_moments));
+    assert!(answers.iter().filter(|answer| answer["contact_x_m"].is_f64()).count() > 100);
+}
+
+#[test]
+fn robust_recordings_that_state_different_characteristics_give_no_sensor() {
+    let folder = changed(|text| text);
+    let (traces, _) = imported(folder.path());
+    let path = traces.join("calibration_3.json");
+    let stored: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    let fitted = |change: &dyn Fn(&mut Value)| -> (Option<SensorFile>, String) {
+        let mut sidecar = stored.clone();
+        change(&mut sidecar["recorded"]);
+        fs::write(&path, sidecar.to_string()).unwrap();
+        let (_, notes) = good(&["fit", text(&traces), "--model", "spline"]);
+        (CalibrationFile::read(&traces.join("calibrations/lab-whisker.json")).unwrap().sensor, notes)
+    };
+    let (sensor, notes) = fitted(&|recorded| recorded["characteristic"] = json!([-3.1e7, 0.0, 0.0]));
+    assert_eq!(sensor, None);
+    for words in
+        ["no sensor", "calibration_3: recorded.characteristic: found [-31000000.0", "expected [", "calibration_1"]
+    {
+        assert!(notes.contains(words), "does not contain `{words}`: {notes}");
+    }
+    // As in recordings of an earlier version.
+    let (sensor, notes) = fitted(&|recorded| drop(recorded.as_object_mut().unwrap().remove("range_n_m")));
+    assert_eq!(sensor, None);
+    assert!(notes.contains("calibration_3: recorded.range_n_m: found none, expected"), "{notes}");
+    assert!(fitted(&|_| {}).0.is_some());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Line of a live stream.
 
-use live::wire::{Line, parse};
+use live::wire::{Given, Line, parse};
 use serde_json::Value;
 use strict_json::parse_json;
 
@@ -15,9 +15,13 @@ pub(super) fn run(bytes: &[u8]) {
         Line::Prior(prior) => same_json(&file, &serde_json::to_value(&prior).expect("it serialises")),
         Line::Sample(sample) => {
             assert_eq!(file["t_s"].as_f64(), Some(sample.t_s));
-            assert_eq!(file.get("reading_n_m").and_then(Value::as_f64), sample.reading_n_m);
-            assert!(sample.t_s.is_finite() && sample.reading_n_m.is_none_or(f64::is_finite));
-            assert!(sample.reading_n_m.is_some() || sample.base.is_some());
+            let number = |key: &str| file.get(key).and_then(Value::as_f64);
+            match sample.reading {
+                Some(Given::Moment(n_m)) => assert!(n_m.is_finite() && number("reading_n_m") == Some(n_m)),
+                Some(Given::Counts(counts, _)) => assert!(counts.is_finite() && number("counts") == Some(counts)),
+                None => assert!(number("reading_n_m").is_none() && number("counts").is_none() && sample.base.is_some()),
+            }
+            assert!(sample.t_s.is_finite());
             assert_eq!(file.get("base_yaw_rad").and_then(Value::as_f64), sample.base.map(|base| base.yaw_rad()));
         }
     }

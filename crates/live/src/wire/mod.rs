@@ -19,6 +19,9 @@ pub use space::{SpatialLine, SpatialPriorLine, SpatialSampleLine, parse as parse
 /// Keys that only the first line of a whisker has.
 const PRIOR_KEYS: [&str; 3] = ["protocol", "rate_hz", "noise_sd_n_m"];
 
+/// Largest magnitude of counts.
+const MOST_COUNTS: f64 = 1e10;
+
 /// Largest magnitude of a coordinate (m) and of a yaw (rad): differences of larger ones lose all meaning.
 const MOST: f64 = 1e9;
 
@@ -36,8 +39,18 @@ pub struct PriorLine {
     pub seed: Option<u64>,
     /// Readings per second.
     pub rate_hz: f64,
-    /// Standard deviation of the measurement noise.
-    pub noise_sd_n_m: f64,
+    /// Standard deviation of the measurement noise. Missing: that of the sensor.
+    #[serde(default)]
+    pub noise_sd_n_m: Option<f64>,
+    /// Name of the sensor in the calibration, `array.sensor`, whose counts are sent. Missing: the calibration has one alone.
+    #[serde(default)]
+    pub sensor: Option<String>,
+    /// Duration of the zeroing at the beginning, with a free whisker (s). Missing: [`crate::counts::ZEROING_S`].
+    #[serde(default)]
+    pub zeroing_s: Option<f64>,
+    /// Number of values of a counter that wraps. Missing: the counts do not wrap.
+    #[serde(default)]
+    pub modulo: Option<f64>,
     /// Noise of the poses. Missing: none.
     #[serde(default)]
     pub base_noise: Option<BaseNoiseLine>,
@@ -57,20 +70,29 @@ pub struct PriorLine {
 
 /// Later line: a reading, a pose, or both at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SampleLine<R = f64, P = Pose<Base, World>> {
+pub struct SampleLine<R = Given, P = Pose<Base, World>> {
     /// Name of the whisker, if there are several.
     pub name: Option<String>,
     /// Time.
     pub t_s: f64,
     /// Reading of the sensor.
-    pub reading_n_m: Option<R>,
+    pub reading: Option<R>,
     /// Pose of the base in a frame at rest.
     pub base: Option<P>,
 }
 
+/// Reading of a line in the plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Given {
+    /// Moment at the root (N m).
+    Moment(f64),
+    /// Counts of the sensor and, if given, those of the reference sensor along x and y of Base.
+    Counts(f64, Option<[f64; 2]>),
+}
+
 /// Line of a stream.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Line<Q = PriorLine, R = f64, P = Pose<Base, World>> {
+pub enum Line<Q = PriorLine, R = Given, P = Pose<Base, World>> {
     /// Prior information.
     Prior(Box<Q>),
     /// Reading, pose or both.
@@ -86,6 +108,10 @@ struct Keys {
     t_s: f64,
     #[serde(default)]
     reading_n_m: Option<f64>,
+    #[serde(default)]
+    counts: Option<f64>,
+    #[serde(default)]
+    reference_counts: Option<[f64; 2]>,
     #[serde(default)]
     base_x_m: Option<f64>,
     #[serde(default)]
@@ -132,17 +158,27 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
     }
     let keys: Keys = strict(line)?;
     check_pose(&[("base_x_m", keys.base_x_m), ("base_y_m", keys.base_y_m), ("base_yaw_rad", keys.base_yaw_rad)])?;
+    let [reference_x, reference_y] = keys.reference_counts.map_or([None; 2], |counts| counts.map(Some));
+    let counts = [("counts", keys.counts), ("reference_counts", reference_x), ("reference_counts", reference_y)];
+    check_magnitudes(&counts, MOST_COUNTS)?;
+    let reading = match (keys.reading_n_m, keys.counts, keys.reference_counts) {
+        (Some(n_m), None, None) => Some(Given::Moment(n_m)),
+        (None, Some(counts), reference) => Some(Given::Counts(counts, reference)),
+        (None, None, None) => None,
+        (Some(_), _, _) => return Err(unplaced("found reading_n_m and counts, expected one of the two")),
+        (None, None, Some(_)) => return Err(unplaced("found reference_counts alone, expected counts beside them")),
+    };
     let base = match (keys.base_x_m, keys.base_y_m, keys.base_yaw_rad) {
         (Some(x_m), Some(y_m), Some(yaw_rad)) => Some(Pose::new(x_m, y_m, yaw_rad)),
         (None, None, None) => None,
         _ => return Err(unplaced("found a part of a pose, expected all of base_x_m, base_y_m and base_yaw_rad")),
     };
-    if keys.reading_n_m.is_none() && base.is_none() {
+    if reading.is_none() && base.is_none() {
         return Err(unplaced(
-            "found neither a reading nor a pose, expected reading_n_m, or base_x_m, base_y_m and base_yaw_rad, or all",
+            "found neither a reading nor a pose, expected reading_n_m or counts, or base_x_m, base_y_m and base_yaw_rad, or both",
         ));
     }
-    Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading_n_m: keys.reading_n_m, base }))
+    Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))
 }
 
 /// Whether a line is the first one of a whisker.
@@ -199,10 +235,15 @@ impl Written for SpatialAnswer {
 
 /// Checks the magnitudes of coordinates and angles with their keys.
 fn check_pose(numbers: &[(&str, Option<f64>)]) -> Result<(), BadLine> {
-    let is_large = |number: &f64| number.abs() > MOST;
+    check_magnitudes(numbers, MOST)
+}
+
+/// Checks that numbers with their keys have at most this magnitude.
+fn check_magnitudes(numbers: &[(&str, Option<f64>)], most: f64) -> Result<(), BadLine> {
+    let is_large = |number: &f64| number.abs() > most;
     let large = numbers.iter().find_map(|(key, number)| Some((key, number.filter(is_large)?)));
     large.map_or(Ok(()), |(key, number)| {
-        Err(unplaced(&format!("{key}: found {number:e}, expected a magnitude of at most {MOST:e}")))
+        Err(unplaced(&format!("{key}: found {number:e}, expected a magnitude of at most {most:e}")))
     })
 }
 
@@ -255,15 +296,24 @@ mod tests {
             other => panic!("{other:?}"),
         };
         let reading = sample(r#"{"name": "left_1", "t_s": 0.5, "reading_n_m": -1e-5}"#);
-        assert_eq!((reading.name.as_deref(), reading.reading_n_m, reading.base), (Some("left_1"), Some(-1e-5), None));
+        let moment = Some(Given::Moment(-1e-5));
+        assert_eq!((reading.name.as_deref(), reading.reading, reading.base), (Some("left_1"), moment, None));
+        let counts = sample(r#"{"t_s": 0.5, "counts": 512}"#);
+        assert_eq!((counts.reading, counts.base), (Some(Given::Counts(512.0, None)), None));
+        let beside = sample(r#"{"t_s": 0.5, "counts": -3.5, "reference_counts": [1, -2]}"#);
+        assert_eq!(beside.reading, Some(Given::Counts(-3.5, Some([1.0, -2.0]))));
         let pose = sample(r#"{"t_s": 0.5, "base_x_m": 1, "base_y_m": 2, "base_yaw_rad": 3}"#);
-        assert_eq!((pose.reading_n_m, pose.base), (None, Some(Pose::new(1.0, 2.0, 3.0))));
+        assert_eq!((pose.reading, pose.base), (None, Some(Pose::new(1.0, 2.0, 3.0))));
         let row = r#"{"t_s":1,"dt_s":0.004,"base_x_m":1,"base_y_m":2,"base_yaw_rad":3,"last_x_m":0,"last_y_m":0,
             "last_yaw_rad":0,"reading_n_m":1e-6,"touched":"left"}"#;
         let both = sample(row);
-        assert!(both.reading_n_m.is_some() && both.base.is_some());
+        assert!(both.reading.is_some() && both.base.is_some());
         let prior = parse(r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#);
         assert!(matches!(prior, Ok(Line::Prior(prior)) if prior.rate_hz == 250.0 && prior.told.is_none()));
+        let prior = parse(r#"{"protocol": 1, "rate_hz": 250, "sensor": "a.s", "zeroing_s": 0.3, "modulo": 65536}"#);
+        assert!(
+            matches!(prior, Ok(Line::Prior(prior)) if prior.noise_sd_n_m.is_none() && prior.zeroing_s == Some(0.3))
+        );
         assert!(matches!(parse(r#"{"name": "protocol", "t_s": 0, "reading_n_m": 0}"#), Ok(Line::Sample(_))));
     }
 
@@ -290,6 +340,12 @@ mod tests {
         assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
         let far = bad(r#"{"t_s": 1, "base_x_m": 0, "base_y_m": -1e308, "base_yaw_rad": 0}"#);
         assert_eq!(far, "base_y_m: found -1e308, expected a magnitude of at most 1e9");
+        let both = bad(r#"{"t_s": 1, "reading_n_m": 0, "counts": 0}"#);
+        assert_eq!(both, "found reading_n_m and counts, expected one of the two");
+        assert!(bad(r#"{"t_s": 1, "reference_counts": [0, 0]}"#).starts_with("found reference_counts alone, expected"));
+        assert!(bad(r#"{"t_s": 1, "counts": 0, "reference_counts": [0]}"#).contains("expected"));
+        let large = bad(r#"{"t_s": 1, "counts": 1e300}"#);
+        assert_eq!(large, "counts: found 1e300, expected a magnitude of at most 1e10");
         assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));
         assert!(bad(r#"{"t_s": 1, "t_s": 1, "reading_n_m": 0}"#).contains("t_s"));
         assert!(bad(r#"{"protocol": 1}"#).contains("missing field `rate_hz`"));

@@ -114,7 +114,7 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
     }
     let keys: Keys = strict(line)?;
     check_pose(&[("base_x_m", keys.base_x_m), ("base_y_m", keys.base_y_m), ("base_z_m", keys.base_z_m)])?;
-    let reading_n_m = match (keys.moment_y_n_m, keys.moment_z_n_m) {
+    let reading = match (keys.moment_y_n_m, keys.moment_z_n_m) {
         (Some(y), Some(z)) => Some(Vector2::new(y, z)),
         (None, None) => None,
         _ => return Err(unplaced("found one bending moment, expected both moment_y_n_m and moment_z_n_m")),
@@ -137,12 +137,12 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
             ));
         }
     };
-    if reading_n_m.is_none() && base.is_none() {
+    if reading.is_none() && base.is_none() {
         return Err(unplaced(
             "found neither readings nor a pose, expected moment_y_n_m and moment_z_n_m, or the seven keys of a pose, or all",
         ));
     }
-    Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading_n_m, base }))
+    Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))
 }
 
 #[cfg(test)]
@@ -161,7 +161,7 @@ mod tests {
         ) else {
             panic!("a sample")
         };
-        assert_eq!(row.reading_n_m, Some(Vector2::new(1e-6, -2e-6)));
+        assert_eq!(row.reading, Some(Vector2::new(1e-6, -2e-6)));
         let base = row.base.expect("a pose");
         assert_eq!((base.position, base.rotation.j), (Vector3::new(1.0, 2.0, 3.0), 0.8));
         let prior = parse(r#"{"protocol": 2, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#);

@@ -24,6 +24,9 @@ const PART: usize = 1 << 12;
 /// Status of a line that is no message.
 const REFUSED: &str = "refused";
 
+/// Status of counts from which the zero of their sensor is determined.
+pub(super) const ZEROING: &str = "zeroing";
+
 /// Destination of the answers.
 pub(super) struct Sink {
     stdout: Stdout,
@@ -84,6 +87,13 @@ impl Sink {
         self.refused += 1;
         self.note(kind, 1, || format!("error: {reason}; the line is left out"));
         self.add(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
+        self.write()
+    }
+
+    /// Answers a reading of this time and whisker that is not given to the estimator.
+    pub(super) fn leave_out(&mut self, name: Option<&str>, t_s: f64, status: &str) -> anyhow::Result<()> {
+        let (name, status) = (name.map(Into::into), Some(status.into()));
+        self.add(&AnswerLine { name, t_s: Some(t_s), status, ..AnswerLine::default() })?;
         self.write()
     }
 

@@ -10,21 +10,24 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use live::wire::{self, BadLine, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
+use live::counts::{self, Counts, MODULI, Reading, Sensor, ZEROING_S, ZEROINGS_S};
+use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
 use live::{
-    Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Timing,
+    Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses,
+    Status, Timing,
 };
+use nalgebra::Vector2;
 use serde_json::{Value, json};
 use strict_json::one_line;
 use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
-use testbed::replay::method;
-use trace::{CalibrationFile, RATES_HZ, SpatialCalibrationFile, is_spatial};
+use testbed::replay::{method, read_by};
+use trace::{CalibrationFile, RATES_HZ, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
 
 use super::blocked::Writing;
-use super::sink::Sink;
+use super::sink::{Sink, ZEROING};
 use super::{Arguments, named};
 use crate::commands::played::{InSpace, read_calibration};
 
@@ -53,6 +56,10 @@ trait Method: 'static {
     type Motion: Motion<Measured = <Self::Kind as Kind>::Base, Base = <Self::Kind as Kind>::Base> + 'static;
     type Prior;
     type Calibration;
+    /// A reading as a line gives it.
+    type Given;
+    /// Conversion of the readings of a whisker.
+    type Conversion;
 
     /// Version of the protocol.
     const PROTOCOL: u32;
@@ -66,32 +73,62 @@ trait Method: 'static {
     /// Name of the whisker in its first line.
     fn name(prior: &Self::Prior) -> Option<&str>;
 
-    /// The estimator of a whisker.
+    /// The estimator of a whisker, and the conversion of its readings.
     fn begin(
         &self,
         calibration: &Self::Calibration,
         path: &Path,
         prior: &Self::Prior,
         timing: Timing,
-    ) -> anyhow::Result<LiveEstimator<Self::Motion, Self::Kind>>;
+    ) -> anyhow::Result<Begun<Self>>;
+
+    /// Converts a reading of the time `t_s` that arrives at `at_s`.
+    ///
+    /// # Errors
+    /// The text found and the text expected, if it cannot be converted.
+    fn convert(
+        conversion: &mut Self::Conversion,
+        t_s: f64,
+        given: Self::Given,
+        at_s: f64,
+    ) -> Result<Taken<<Self::Kind as Kind>::Reading>, String>;
 }
 
-/// A line, and a later one, of a kind of estimator.
-type LineOf<T> =
-    Line<<T as Method>::Prior, <<T as Method>::Kind as Kind>::Reading, <<T as Method>::Kind as Kind>::Base>;
-type SampleOf<K> = SampleLine<<K as Kind>::Reading, <K as Kind>::Base>;
+/// A line, and a later one, of a method.
+type LineOf<T> = Line<<T as Method>::Prior, <T as Method>::Given, <<T as Method>::Kind as Kind>::Base>;
+type SampleOf<T> = SampleLine<<T as Method>::Given, <<T as Method>::Kind as Kind>::Base>;
+
+/// Estimator of a whisker, and the conversion of its readings.
+type Begun<T> = (LiveEstimator<<T as Method>::Motion, <T as Method>::Kind>, <T as Method>::Conversion);
+
+/// A reading that has been converted.
+enum Taken<R> {
+    /// For the estimator.
+    Reading(R),
+    /// Left out, with its status.
+    LeftOut(&'static str),
+}
+
+/// A converted reading, a pose, or both, with their time and arrival.
+struct Sample<K: Kind> {
+    t_s: f64,
+    reading: Option<Taken<K::Reading>>,
+    base: Option<K::Base>,
+    at_s: f64,
+}
 
 /// A whisker of the options, and its thread once its first line has arrived.
 struct Whisker<T: Method> {
     name: Option<String>,
     path: PathBuf,
     calibration: T::Calibration,
-    worker: Option<Worker<T::Kind>>,
+    worker: Option<Worker<T>>,
 }
 
-/// Thread that runs the estimator of a whisker.
-struct Worker<K: Kind> {
-    samples: SyncSender<(SampleOf<K>, f64)>,
+/// Conversion of the readings of a whisker, and the thread that runs its estimator.
+struct Worker<T: Method> {
+    conversion: T::Conversion,
+    samples: SyncSender<Sample<T::Kind>>,
     thread: JoinHandle<anyhow::Result<Counters>>,
 }
 
@@ -215,11 +252,11 @@ fn locked(sink: &Mutex<Sink>) -> MutexGuard<'_, Sink> {
     sink.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs the estimator of a whisker on its samples with their arrivals, until their sender is gone. Returns the counts.
+/// Runs the estimator of a whisker on its samples, until their sender is gone. Returns the counts.
 fn work<K: Kind, M: Motion<Measured = K::Base, Base = K::Base>>(
     mut estimator: LiveEstimator<M, K>,
     name: Option<&str>,
-    samples: &Receiver<(SampleOf<K>, f64)>,
+    samples: &Receiver<Sample<K>>,
     origin: Instant,
     sink: &Mutex<Sink>,
 ) -> anyhow::Result<Counters>
@@ -232,19 +269,21 @@ where
         let wait = estimator.deadline_s().map_or(IDLE, |due_s| Duration::from_secs_f64((due_s - now_s).max(0.0)));
         let sample = samples.recv_timeout(wait);
         let at_s = match &sample {
-            Ok((_, at_s)) => *at_s,
+            Ok(sample) => sample.at_s,
             Err(RecvTimeoutError::Timeout) => origin.elapsed().as_secs_f64(),
             Err(RecvTimeoutError::Disconnected) => break,
         };
         while let Some(due_s) = estimator.deadline_s().filter(|due_s| *due_s <= at_s) {
             estimator.poll(due_s, &mut out);
         }
-        if let Ok((sample, _)) = sample {
-            if let Some(base) = sample.base {
-                estimator.pose(sample.t_s, base, at_s, &mut out)?;
+        if let Ok(Sample { t_s, reading, base, .. }) = sample {
+            if let Some(base) = base {
+                estimator.pose(t_s, base, at_s, &mut out)?;
             }
-            if let Some(reading_n_m) = sample.reading_n_m {
-                estimator.reading(sample.t_s, reading_n_m, at_s, &mut out)?;
+            match reading {
+                Some(Taken::Reading(reading_n_m)) => estimator.reading(t_s, reading_n_m, at_s, &mut out)?,
+                Some(Taken::LeftOut(status)) => locked(sink).leave_out(name, t_s, status)?,
+                None => {}
             }
         }
         if !(out.answers.is_empty() && out.events.is_empty()) {
@@ -288,7 +327,7 @@ where
     fn end_workers(&mut self) -> anyhow::Result<Vec<(Option<String>, Counters)>> {
         let mut ended = Vec::new();
         for whisker in &mut self.whiskers {
-            if let Some(Worker { samples, thread }) = whisker.worker.take() {
+            if let Some(Worker { samples, thread, .. }) = whisker.worker.take() {
                 drop(samples);
                 ended.push((whisker.name.clone(), thread.join().expect("the thread does not panic")));
             }
@@ -325,15 +364,21 @@ where
     }
 
     /// Passes a reading, a pose or both to the thread of the whisker.
-    fn sample(&mut self, sample: SampleOf<T::Kind>, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
+    fn sample(&mut self, sample: SampleOf<T>, at_s: f64) -> anyhow::Result<Result<(), BadLine>> {
         let bad = |reason: String| Ok(Err(BadLine { column: None, reason, is_not_finite: false }));
         let Some(place) = self.place_of(sample.name.as_deref()) else {
             return bad(self.unknown(sample.name.as_deref()));
         };
-        let Some(worker) = &self.whiskers[place].worker else {
+        let Some(worker) = &mut self.whiskers[place].worker else {
             return bad("found a reading or a pose, expected the whisker's first line before it (docs/LIVE.md)".into());
         };
-        if worker.samples.send((sample, at_s)).is_err() {
+        let SampleLine { t_s, reading, base, .. } = sample;
+        let taken = reading.map(|given| T::convert(&mut worker.conversion, t_s, given, at_s)).transpose();
+        let reading = match taken {
+            Ok(reading) => reading,
+            Err(reason) => return bad(reason),
+        };
+        if worker.samples.send(Sample { t_s, reading, base, at_s }).is_err() {
             self.end_workers()?;
         }
         Ok(Ok(()))
@@ -360,12 +405,12 @@ where
         if whisker.worker.is_some() {
             bail!("found a second first line of a whisker, expected one");
         }
-        let estimator = self.method.begin(&whisker.calibration, &whisker.path, prior, self.timing)?;
+        let (estimator, conversion) = self.method.begin(&whisker.calibration, &whisker.path, prior, self.timing)?;
         let (samples, received) = sync_channel(AHEAD);
         let (name, origin, sink) = (whisker.name.clone(), self.origin, self.sink.clone());
         let works = move || work(estimator, name.as_deref(), &received, origin, &sink);
         let thread = thread::Builder::new().name("whisker".into()).spawn(works).context("thread of a whisker")?;
-        whisker.worker = Some(Worker { samples, thread });
+        whisker.worker = Some(Worker { conversion, samples, thread });
         Ok(())
     }
 }
@@ -386,6 +431,76 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow:
     Ok(())
 }
 
+/// Conversion of the counts of a whisker.
+struct CountsOf {
+    /// The reason if its counts cannot be converted.
+    counts: Result<Counts, String>,
+    has_common_mode: bool,
+    /// Path of the calibration.
+    path: PathBuf,
+}
+
+impl CountsOf {
+    /// The sensor whose counts may follow a first line: the one that it states, or that of the recordings.
+    fn sensor<'a>(
+        calibration: &'a CalibrationFile,
+        path: &Path,
+        prior: &PriorLine,
+    ) -> anyhow::Result<Option<&'a SensorFile>> {
+        let PriorLine { sensor: label, zeroing_s, modulo, .. } = prior;
+        for (key, found, [least, most]) in [("zeroing_s", zeroing_s, ZEROINGS_S), ("modulo", modulo, MODULI)] {
+            if let Some(found) = found.filter(|found| !(least..=most).contains(found)) {
+                bail!("{key}: found {found}, expected {least} to {most}");
+            }
+        }
+        // With a front end, the lines of a whisker are moments unless its first line states otherwise.
+        if label.is_none() && zeroing_s.is_none() && modulo.is_none() {
+            return Ok(calibration.sensor.as_ref());
+        }
+        let sensor = calibration.sensor_of_counts(path, label.as_deref())?;
+        if let Some(talk) = sensor.cross_talk.first() {
+            bail!(
+                "{}: front_end.sensors.{}.cross_talk: found one from `{}`, expected none on stdin; `ros2-node contact` \
+                compensates it",
+                path.display(),
+                sensor.label(),
+                talk.from
+            );
+        }
+        Ok(Some(sensor))
+    }
+
+    fn new(
+        sensor: Option<&SensorFile>,
+        calibration: &CalibrationFile,
+        path: &Path,
+        prior: &PriorLine,
+        timing: Timing,
+    ) -> Self {
+        let has_common_mode = sensor.is_some_and(|sensor| sensor.common_mode != [0.0; 2]);
+        let zeroing_s = prior.zeroing_s.unwrap_or(ZEROING_S);
+        let conversion = |sensor: &SensorFile| {
+            let own = Sensor::new(sensor.clone(), 0, prior.modulo);
+            Counts::new(own, has_common_mode, Vec::new(), zeroing_s, timing, prior.rate_hz)
+        };
+        let reason = || {
+            let known: Vec<_> = calibration.sensors().map(SensorFile::label).collect();
+            let path = path.display();
+            if known.is_empty() {
+                return format!(
+                    "counts: found those of a whisker whose calibration {path} has no sensor, expected reading_n_m, or a \
+                    calibration that `whisker fit` made of imported recordings"
+                );
+            }
+            let known = known.join(", ");
+            format!(
+                "counts: found those of a whisker whose first line states no sensor, expected there one of {path}: {known}"
+            )
+        };
+        Self { counts: sensor.map(conversion).ok_or_else(reason), has_common_mode, path: path.into() }
+    }
+}
+
 /// An estimator of the plane with its settings.
 struct InPlane {
     row: &'static EstimatorRow,
@@ -397,6 +512,8 @@ impl Method for InPlane {
     type Motion = Poses;
     type Prior = PriorLine;
     type Calibration = CalibrationFile;
+    type Given = Given;
+    type Conversion = CountsOf;
 
     const PROTOCOL: u32 = PROTOCOL;
 
@@ -418,8 +535,12 @@ impl Method for InPlane {
         path: &Path,
         prior: &PriorLine,
         timing: Timing,
-    ) -> anyhow::Result<LiveEstimator> {
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+    ) -> anyhow::Result<Begun<Self>> {
+        let sensor = CountsOf::sensor(calibration, path, prior)?;
+        let noise_sd_n_m = prior.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
+            format!("noise_sd_n_m: found none, expected that of the moments, since {} states no sensor", path.display())
+        })?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
             bail!("whisker.{difference}, as in {}", path.display());
@@ -430,8 +551,8 @@ impl Method for InPlane {
         let knowledge = Arc::new(Knowledge {
             whisker: whisker.clone(),
             rest: whisker.rest_shape(),
-            faces: calibration.calibrated(path, self.row.sensor_model)?,
-            noise_sd_n_m: prior.noise_sd_n_m,
+            faces: read_by(sensor, &calibration.calibrated(path, self.row.sensor_model)?),
+            noise_sd_n_m,
             base_noise: base_noise.transpose()?.unwrap_or_default(),
             rate_hz: prior.rate_hz,
             contact_prior: contact_prior.transpose()?,
@@ -443,7 +564,34 @@ impl Method for InPlane {
             Ok(Estimator::new(Runner::new(method, of_build.clone(), seed), TouchConfig::default()))
         };
         let looks_back = row.class == MethodClass::Hindsight;
-        LiveEstimator::new(Box::new(build), &knowledge, looks_back, timing)
+        let estimator = LiveEstimator::new(Box::new(build), &knowledge, looks_back, timing)?;
+        Ok((estimator, CountsOf::new(sensor, calibration, path, prior, timing)))
+    }
+
+    fn convert(conversion: &mut CountsOf, t_s: f64, given: Given, at_s: f64) -> Result<Taken<f64>, String> {
+        let (counts, reference) = match given {
+            Given::Moment(n_m) => return Ok(Taken::Reading(n_m)),
+            Given::Counts(counts, reference) => (counts, reference),
+        };
+        let CountsOf { counts: conversion, has_common_mode, path } = conversion;
+        let conversion = conversion.as_mut().map_err(|reason| reason.clone())?;
+        match reference {
+            Some([x, y]) => conversion.take(counts::Stream::Reference, t_s, [x, y, 0.0], at_s),
+            None if *has_common_mode => {
+                return Err(format!(
+                    "reference_counts: found none, expected those of the reference sensor, whose common mode {} has",
+                    path.display()
+                ));
+            }
+            None => {}
+        }
+        conversion.take(counts::Stream::Own, t_s, [counts, 0.0, 0.0], at_s);
+        // The counts of the reference have the same time, so that none wait.
+        Ok(match conversion.next(at_s).map(|converted| converted.reading) {
+            Some(Reading::Of(n_m)) => Taken::Reading(n_m),
+            Some(Reading::Zeroing) => Taken::LeftOut(ZEROING),
+            Some(Reading::Late | Reading::Incomplete) | None => Taken::LeftOut(Status::Late.name()),
+        })
     }
 }
 
@@ -458,6 +606,8 @@ impl Method for OfSpace {
     type Motion = SpatialPoses;
     type Prior = SpatialPriorLine;
     type Calibration = SpatialCalibrationFile;
+    type Given = Vector2<f64>;
+    type Conversion = ();
 
     const PROTOCOL: u32 = SPATIAL_PROTOCOL;
 
@@ -479,7 +629,7 @@ impl Method for OfSpace {
         path: &Path,
         prior: &SpatialPriorLine,
         timing: Timing,
-    ) -> anyhow::Result<LiveEstimator<SpatialPoses, Spatial>> {
+    ) -> anyhow::Result<Begun<Self>> {
         check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
         let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != calibration.whisker)
             || prior.suspension.is_some_and(|stated| stated != calibration.suspension)
@@ -497,6 +647,10 @@ impl Method for OfSpace {
         });
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
         let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
-        LiveEstimator::in_space(Box::new(build), &knowledge, timing)
+        Ok((LiveEstimator::in_space(Box::new(build), &knowledge, timing)?, ()))
+    }
+
+    fn convert((): &mut (), _: f64, given: Vector2<f64>, _: f64) -> Result<Taken<Vector2<f64>>, String> {
+        Ok(Taken::Reading(given))
     }
 }

@@ -11,15 +11,27 @@
 
 use std::collections::VecDeque;
 
-use live::{Clock, Order, Sampled, Samples, Timing};
 use trace::{CrossTalk, SensorFile};
+
+use crate::clock::{Clock, Order};
+use crate::samples::{Sampled, Samples};
+use crate::timing::Timing;
+
+/// Duration of the zeroing if none is stated (s).
+pub const ZEROING_S: f64 = 1.0;
+
+/// Shortest and longest zeroing (s).
+pub const ZEROINGS_S: [f64; 2] = [0.01, 60.0];
+
+/// Smallest and largest number of values of a counter that wraps.
+pub const MODULI: [f64; 2] = [2.0, 4_294_967_296.0];
 
 /// Largest number of counts that wait for those of the other sensors.
 const MOST_WAITING: usize = 1 << 12;
 
 /// Sensor of the stream of a whisker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stream {
+pub enum Stream {
     /// Its own.
     Own,
     /// The reference.
@@ -28,9 +40,33 @@ pub(crate) enum Stream {
     Neighbour(usize),
 }
 
+/// Counts that have been converted, or left out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Converted {
+    /// Time of the counts.
+    pub t_s: f64,
+    /// Their arrival.
+    pub arrived_s: f64,
+    /// What became of them.
+    pub reading: Reading,
+}
+
+/// What became of counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reading {
+    /// The reading (N m).
+    Of(f64),
+    /// They are those of the free whisker, from which the zero is determined.
+    Zeroing,
+    /// Those of another sensor at their time are missing.
+    Incomplete,
+    /// They arrived after later ones had been converted.
+    Late,
+}
+
 /// A sensor with its zero.
 #[derive(Clone, Debug)]
-pub(crate) struct Sensor {
+pub struct Sensor {
     file: SensorFile,
     axis: usize,
     modulo: Option<f64>,
@@ -42,7 +78,9 @@ pub(crate) struct Sensor {
 }
 
 impl Sensor {
-    pub(crate) fn new(file: SensorFile, axis: usize, modulo: Option<f64>) -> Self {
+    /// The sensor of a calibration, read on this axis (0 to 2). `modulo` is the number of values of a counter that wraps, if it
+    /// does.
+    pub fn new(file: SensorFile, axis: usize, modulo: Option<f64>) -> Self {
         let (samples, last, at_rest, zero) = (Samples::default(), None, (0.0, 0), None);
         Self { file, axis, modulo, samples, last, at_rest, zero }
     }
@@ -85,7 +123,7 @@ impl Sensor {
 
 /// Conversion of the counts of a whisker into readings.
 #[derive(Clone, Debug)]
-pub(crate) struct Counts {
+pub struct Counts {
     own: Sensor,
     reference: Option<Samples<[f64; 2]>>,
     neighbours: Vec<(CrossTalk, Sensor)>,
@@ -99,13 +137,15 @@ pub(crate) struct Counts {
     /// Time, counts and arrival, in order of time.
     waiting: VecDeque<(f64, f64, f64)>,
     /// Number of counts left out, since those of another sensor are missing.
-    pub(crate) incomplete: u64,
+    pub incomplete: u64,
     /// Number of counts left out, since they arrived after later ones had been converted.
-    pub(crate) late: u64,
+    pub late: u64,
 }
 
 impl Counts {
-    pub(crate) fn new(
+    /// Conversion of the counts of a whisker's own sensor. `has_reference` states whether the counts of the reference sensor are
+    /// taken too; `neighbours` are the sensors whose magnets the own one measures. In the first `zeroing_s` the whisker is free.
+    pub fn new(
         own: Sensor,
         has_reference: bool,
         neighbours: Vec<(CrossTalk, Sensor)>,
@@ -144,7 +184,7 @@ impl Counts {
     }
 
     /// Takes counts that arrive at `now_s`. Counts that are not finite are left out.
-    pub(crate) fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64) {
+    pub fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64) {
         if !(t_s.is_finite() && counts.iter().all(|value| value.is_finite())) {
             self.incomplete += 1;
             return;
@@ -176,30 +216,30 @@ impl Counts {
         }
     }
 
-    /// The next reading that is complete at `now_s`: time, reading (N m) and arrival.
-    pub(crate) fn next(&mut self, now_s: f64) -> Option<(f64, f64, f64)> {
-        loop {
-            let (t_s, counts, at_s) = *self.waiting.front()?;
-            let waits = now_s < at_s + self.timing.wait_s && self.waiting.len() <= MOST_WAITING;
-            let others = self.others(t_s);
-            if matches!(others, Sampled::Pending) && waits {
-                return None;
-            }
-            self.waiting.pop_front();
-            let Sampled::At((reference, neighbours)) = others else {
-                let is_late = self.latest_s.is_some_and(|latest_s| t_s < latest_s);
-                *(if is_late { &mut self.late } else { &mut self.incomplete }) += 1;
-                continue;
-            };
-            self.latest_s = Some(self.latest_s.map_or(t_s, |latest_s| latest_s.max(t_s)));
-            if let Some(reading_n_m) = self.reading_n_m(t_s, counts, reference, &neighbours) {
-                return Some((t_s, reading_n_m, at_s));
-            }
+    /// The next counts that wait no longer at `now_s`, in order of time.
+    pub fn next(&mut self, now_s: f64) -> Option<Converted> {
+        let (t_s, counts, arrived_s) = *self.waiting.front()?;
+        let waits = now_s < arrived_s + self.timing.wait_s && self.waiting.len() <= MOST_WAITING;
+        let others = self.others(t_s);
+        if matches!(others, Sampled::Pending) && waits {
+            return None;
         }
+        self.waiting.pop_front();
+        let reading = if let Sampled::At((reference, neighbours)) = others {
+            self.latest_s = Some(self.latest_s.map_or(t_s, |latest_s| latest_s.max(t_s)));
+            self.reading_n_m(t_s, counts, reference, &neighbours).map_or(Reading::Zeroing, Reading::Of)
+        } else if self.latest_s.is_some_and(|latest_s| t_s < latest_s) {
+            self.late += 1;
+            Reading::Late
+        } else {
+            self.incomplete += 1;
+            Reading::Incomplete
+        };
+        Some(Converted { t_s, arrived_s, reading })
     }
 
     /// Time from which on [`Self::next`] waits no longer.
-    pub(crate) fn deadline_s(&self) -> Option<f64> {
+    pub fn deadline_s(&self) -> Option<f64> {
         self.waiting.front().map(|(_, _, at_s)| at_s + self.timing.wait_s)
     }
 
@@ -283,8 +323,10 @@ mod tests {
         for step in 0..=(length_s * RATE_HZ) as u32 {
             let since_s = f64::from(step) / RATE_HZ;
             counts.take(Stream::Own, t_s + since_s, [0.0, value.rem_euclid(MODULO), 0.0], now_s + since_s);
-            while let Some((_, reading_n_m, _)) = counts.next(now_s + since_s) {
-                readings_n_m.push(reading_n_m);
+            while let Some(converted) = counts.next(now_s + since_s) {
+                if let Reading::Of(reading_n_m) = converted.reading {
+                    readings_n_m.push(reading_n_m);
+                }
             }
         }
         readings_n_m
