@@ -1,11 +1,11 @@
 //! NumPy arrays from and to Rust values.
 
 use nalgebra::{SMatrix, SVector};
-use numpy::ndarray::{Array1, Array2, Array3};
+use numpy::ndarray::{Array1, Array2, Array3, ArrayD};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::types::PyList;
+use pyo3::types::{PyFloat, PyList};
 use whisker::frames::Point;
 
 use crate::error::{of_argument, refused};
@@ -88,6 +88,21 @@ fn finite(what: &str, array: &Numbers<'_>) -> PyResult<Vec<f64>> {
         }
         None => Ok(numbers),
     }
+}
+
+/// Function of each number of an array of any shape, which must be finite: a number for a number, else an array of this shape.
+pub(crate) fn mapped<'py>(
+    py: Python<'py>,
+    what: &str,
+    array: &Numbers<'_>,
+    of: impl Fn(f64) -> f64,
+) -> PyResult<Bound<'py, PyAny>> {
+    let shape = array.0.shape();
+    let numbers: Vec<f64> = finite(what, array)?.into_iter().map(of).collect();
+    if shape.is_empty() {
+        return Ok(PyFloat::new(py, numbers[0]).into_any());
+    }
+    Ok(ArrayD::from_shape_vec(shape, numbers).expect("a number for each number").into_pyarray(py).into_any())
 }
 
 /// Points of an array of shape (n, 2).

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ::trace::{CalibrationFile, FaceFile, FittedData};
+use ::trace::{CalibrationFile, FaceFile, FittedData, SensorFile};
 use ::whisker::frames::{Base, Point};
 use ::whisker::sensor::{self, CalibratedFace, Face, FitData, MODELS, ModelError, Sample};
 use nalgebra::Vector2;
@@ -18,6 +18,7 @@ use crate::arrays::{Numbers, column, flags, numbers, points, same_length, vector
 use crate::convert::{check_not_negative, face as face_of, from_json};
 use crate::error::{of_argument, raised, refused};
 use crate::interrupt;
+use crate::sensor::Sensor;
 use crate::whisker::Whisker;
 
 /// Faces by label of the sensor model; `None` is the model that the calibration chose.
@@ -137,6 +138,20 @@ impl Calibration {
             Ok(())
         })?;
         Ok(Prediction { predicted })
+    }
+
+    /// Names of the sensors whose counts the calibration converts: that of the imported recordings to which it was fitted, or those
+    /// of a front end that models sensors. Empty if the readings are known as moments only.
+    #[getter]
+    fn sensors(&self) -> Vec<String> {
+        self.file.sensors().map(SensorFile::label).collect()
+    }
+
+    /// The sensor with this name among `sensors`, or the only one. Raises `ValueError` if there is no such sensor.
+    #[pyo3(signature = (name=None))]
+    fn sensor(&self, name: Option<&str>) -> PyResult<Sensor> {
+        let file = self.file.sensor_of_counts(&self.path, name).map_err(raised)?;
+        Ok(Sensor { file: file.clone() })
     }
 
     /// Writes the calibration to a file, which `load_calibration` and `whisker --calibration` read.

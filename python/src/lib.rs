@@ -19,6 +19,7 @@ mod outline;
 mod registries;
 mod replay;
 mod sampling;
+mod sensor;
 mod shape;
 mod simulate;
 mod space;
@@ -50,6 +51,8 @@ mod _native {
     use crate::registries::{detectors, estimators, front_ends, metrics, sensor_models};
     #[pymodule_export]
     use crate::replay::Replay;
+    #[pymodule_export]
+    use crate::sensor::Sensor;
     #[pymodule_export]
     use crate::shape::Shape;
     #[pymodule_export]

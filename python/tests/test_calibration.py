@@ -56,6 +56,64 @@ def test_verif_the_best_of_several_models_is_chosen(whisker):
     assert len(fitted.models("left")) > 1
 
 
+COEFFICIENTS = [-3e7, 0.0, -1.2e15]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, calibration):
+    """A calibration with the sensor of recordings, as `whisker fit` writes it."""
+    path = tmp_path_factory.mktemp("recorded") / "lab.json"
+    calibration.write(path)
+    stored = json.loads(path.read_text())
+    characteristic = {"coefficients": COEFFICIENTS, "range_n_m": [-6e-5, 0.0]}
+    sensor = {"name": "lab", "array": "lab", "common_mode": [0.0, 0.0], "characteristic": characteristic, "cross_talk": []}
+    stored["sensor"] = {**sensor, "noise_sd_n_m": 1e-7, "offset_sd_n_m": 0.0, "gain_sd": 0.0}
+    path.write_text(json.dumps(stored))
+    return wc.load_calibration(path)
+
+
+def test_verif_the_sensor_inverts_its_polynomial(recorded):
+    assert recorded.sensors == ["lab.lab"]
+    sensor = recorded.sensor()
+    assert (sensor.name, sensor.noise_sd_n_m, sensor.range_n_m) == ("lab.lab", 1e-7, (-6e-5, 0.0))
+    assert sensor.coefficients.tolist() == COEFFICIENTS
+    moments_n_m = np.linspace(-6e-5, 0.0, 12)
+    counts = sum(of * moments_n_m**power for power, of in enumerate(COEFFICIENTS, start=1))
+    assert np.allclose(sensor.moment_n_m(counts), moments_n_m, rtol=0, atol=1e-15)
+    one = sensor.moment_n_m(counts[3])
+    assert isinstance(one, float)
+    assert one == sensor.moment_n_m(counts)[3]
+    assert same_bits(sensor.moment_n_m(counts.reshape(3, 4)), sensor.moment_n_m(counts).reshape(3, 4))
+    assert sensor.moment_n_m([]).shape == (0,)
+    # Beyond the calibrated range the slope is that at its end.
+    slope = -3e7 - 3 * 1.2e15 * 6e-5**2
+    assert sensor.moment_n_m(counts[0] - slope * 1e-5) == pytest.approx(-7e-5, rel=1e-9)
+
+
+def test_verif_an_estimator_takes_converted_counts(recorded, simulated):
+    sensor = recorded.sensor("lab.lab")
+    known = simulated.recording
+    counts = 512.0 + sum(of * known["moment_z_n_m"] ** power for power, of in enumerate(COEFFICIENTS, start=1))
+    base = np.column_stack([known[name] for name in ("base_x_m", "base_y_m", "base_yaw_rad")])
+    estimator = wc.Estimator("ekf", recorded, sensor.noise_sd_n_m, simulated.rate_hz)
+    of_counts = estimator.replay(known["t_s"], base, sensor.moment_n_m(counts - 512.0))
+    of_moments = estimator.replay(known["t_s"], base, known["moment_z_n_m"])
+    assert np.isfinite(of_counts.contact[-1]).all()
+    assert np.allclose(of_counts.contact, of_moments.contact, rtol=0, atol=1e-8, equal_nan=True)
+
+
+def test_robust_a_missing_sensor_and_wrong_counts_are_refused(calibration, recorded):
+    assert calibration.sensors == []
+    with pytest.raises(ValueError, match="calibration: sensor: found none, expected one, by which counts are converted"):
+        calibration.sensor()
+    with pytest.raises(ValueError, match=r"lab\.json: sensor: found lab\.lab, expected `a\.s` among them"):
+        recorded.sensor("a.s")
+    with pytest.raises(ValueError, match=r"counts\[1\]: found NaN, expected finite numbers"):
+        recorded.sensor().moment_n_m([0.0, np.nan])
+    with pytest.raises(TypeError, match="expected one of real numbers"):
+        recorded.sensor().moment_n_m("many")
+
+
 def test_robust_errors_are_those_of_the_command(tmp_path, calibration):
     with pytest.raises(FileNotFoundError, match=r"absent\.json"):
         wc.load_calibration(tmp_path / "absent.json")

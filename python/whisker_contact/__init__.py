@@ -6,7 +6,7 @@ the known motion of the root, an estimator computes the point of contact.
 | task | functions and classes |
 | --- | --- |
 | mechanics | `Whisker`, `deflect`, `press`, `Contacts` |
-| sensor models | `load_calibration`, `fit_calibration`, `Calibration`, `Prediction`, `sensor_models` |
+| sensor models | `load_calibration`, `fit_calibration`, `Calibration`, `Prediction`, `Sensor`, `sensor_models` |
 | recordings | `Trace`, `Dataset`, `Recording`, `simulate`, `Shape` |
 | estimation | `Estimator`, `Estimate`, `Replay`, `Outline`, `estimators`, `detectors`, `front_ends` |
 | evaluation | `Trial`, `evaluate`, `cramer_rao_bound`, `metrics` |
@@ -40,6 +40,7 @@ from ._native import (
     Replay,
     Rod,
     SceneMap,
+    Sensor,
     Shape,
     SpatialCalibration,
     SpatialContacts,
@@ -85,6 +86,7 @@ __all__ = [
     "Results",
     "Rod",
     "SceneMap",
+    "Sensor",
     "Shape",
     "SpatialCalibration",
     "SpatialContacts",
