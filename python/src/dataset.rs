@@ -2,15 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use ::trace::{ArrayRecording, JOINTS, Role};
+use ::trace::{ArrayRecording, JOINTS, Role, is_spatial};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyList};
 use testbed::front_end::FRONT_ENDS;
 
 use crate::arrays::{column, structured, vectors};
-use crate::calibration::{Calibration, load_calibration};
+use crate::calibration::load_calibration;
 use crate::convert::from_json;
 use crate::error::{raised, refused};
+use crate::space::{SpatialTrace, load_spatial_calibration};
 use crate::trace::Trace;
 
 /// Traces of a suite or a folder.
@@ -49,21 +50,28 @@ impl Dataset {
         Ok(paths.into_iter().map(Path::to_path_buf).collect())
     }
 
-    /// Reads the traces with a role, in order.
+    /// Reads the traces with a role, in order: a `Trace` for each planar one, a `SpatialTrace` for each one in space.
     #[pyo3(signature = (role="trial"))]
-    fn traces(&self, py: Python<'_>, role: &str) -> PyResult<Vec<Trace>> {
-        let mut traces = Vec::new();
+    fn traces<'py>(&self, py: Python<'py>, role: &str) -> PyResult<Bound<'py, PyList>> {
+        let traces = PyList::empty(py);
         for path in self.paths(py, role)? {
-            traces.push(py.detach(|| Trace::of(&path)).map_err(raised)?);
+            if is_spatial(&path).map_err(raised)? {
+                traces.append(Py::new(py, py.detach(|| SpatialTrace::of(&path)).map_err(raised)?)?)?;
+            } else {
+                traces.append(Py::new(py, py.detach(|| Trace::of(&path)).map_err(raised)?)?)?;
+            }
             py.check_signals()?;
         }
         Ok(traces)
     }
 
-    /// Reads the calibration of a whisker, by its name.
-    fn calibration(&self, py: Python<'_>, whisker: &str) -> PyResult<Calibration> {
-        let folder = self.dataset.calibrations(FRONT_ENDS[0].name);
-        load_calibration(py, folder.join(format!("{whisker}.json")))
+    /// Reads the calibration of a whisker, by its name: a `Calibration`, or a `SpatialCalibration` of traces in space.
+    fn calibration(&self, py: Python<'_>, whisker: &str) -> PyResult<Py<PyAny>> {
+        let path = self.dataset.calibrations(FRONT_ENDS[0].name).join(format!("{whisker}.json"));
+        if is_spatial(&path).map_err(raised)? {
+            return Ok(Py::new(py, load_spatial_calibration(py, path)?)?.into_any());
+        }
+        Ok(Py::new(py, load_calibration(py, path)?)?.into_any())
     }
 
     fn __repr__(&self) -> String {

@@ -238,6 +238,6 @@ fn innovation(object: &Bound<'_, PyAny>) -> PyResult<Option<Innovation<1>>> {
 }
 
 /// An attribute that is there and not `None`.
-fn attribute<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+pub(crate) fn attribute<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
     Ok(object.getattr_opt(name)?.filter(|value| !value.is_none()))
 }

@@ -60,10 +60,11 @@ mod _native {
     #[pymodule_export]
     use crate::space::{
         Rod, SpatialCalibration, SpatialContacts, SpatialEstimate, SpatialEstimator, SpatialPrediction, SpatialReplay,
-        SpatialTrace, fit_spatial_calibration, load_spatial_calibration, spatial_estimators,
+        SpatialTrace, SpatialTrial, fit_spatial_calibration, load_spatial_calibration, spatial_cramer_rao_bound,
+        spatial_estimators,
     };
     #[pymodule_export]
-    use crate::tables::check_table;
+    use crate::tables::{check_run, check_table};
     #[pymodule_export]
     use crate::trace::Trace;
     #[pymodule_export]

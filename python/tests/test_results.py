@@ -33,7 +33,10 @@ def test_robust_a_damaged_table_is_refused_with_line_and_column(tmp_path):
 
 
 def test_robust_a_folder_without_a_run_is_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"run\.json"):
+    with pytest.raises(FileNotFoundError, match=r"found no run, expected run\.json or space_run\.json"):
+        wc.read_results(tmp_path)
+    (tmp_path / "space_settings.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"found tables of `whisker recordings` \(space_settings\.json\), expected run\.json"):
         wc.read_results(tmp_path)
 
 

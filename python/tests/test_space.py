@@ -4,6 +4,7 @@ import csv
 import hashlib
 import json
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import whisker_contact as wc
 
-from conftest import GOLDEN
+from conftest import GOLDEN, same_bits
 
 
 @pytest.fixture(scope="module")
@@ -237,3 +238,238 @@ def test_verif_the_registry_lists_the_estimators():
     names = [row["name"] for row in wc.spatial_estimators()]
     assert "line" in names
     assert "sphere" in names
+
+
+@pytest.fixture(scope="module")
+def trial(trace: wc.SpatialTrace, calibration: wc.SpatialCalibration) -> wc.SpatialTrial:
+    return wc.SpatialTrial(trace, calibration, noise=0.01, seed=1)
+
+
+@dataclass
+class Answer:
+    contact: np.ndarray
+    covariance_m2: np.ndarray | None = None
+    normal: np.ndarray | None = None
+    direction: np.ndarray | None = None
+    direction_sd_rad: float | None = None
+    radius_m: float | None = None
+    radius_sd_m: float | None = None
+    model_doubtful: bool | None = None
+
+
+class Known:
+    """The true contacts of a trace whose base does not turn, with the properties of its pin."""
+
+    def __init__(self, trace):
+        truth, known = trace.truth, trace.recording
+        self.contacts = np.column_stack([truth[f"contact_{axis}_m"] - known[f"base_{axis}_m"] for axis in "xyz"])
+        self.normals = np.column_stack([truth[f"normal_{axis}"] for axis in "xyz"])
+        self.row = -1
+
+    def step(self, motion, dt_s, reading_n_m):
+        self.row += 1
+        contact = self.contacts[self.row]
+        if np.isnan(contact).any():
+            return None
+        axis = np.array([0.3, -0.2, 1.0])
+        return Answer(
+            contact, 1e-8 * np.eye(3), self.normals[self.row], axis / np.linalg.norm(axis), 0.01, 0.5e-3, 1e-4, model_doubtful=False
+        )
+
+
+def dataset_in_space(folder: Path, calibration: wc.SpatialCalibration) -> wc.Dataset:
+    for end in ("csv", "json"):
+        (folder / f"golden_space.{end}").write_bytes((GOLDEN / "space" / f"golden_space.{end}").read_bytes())
+    (folder / "calibrations").mkdir()
+    calibration.write(folder / "calibrations" / "curved.json")
+    return wc.Dataset(folder)
+
+
+def test_verif_a_trial_and_its_table_equal_those_of_the_command_to_the_bit(tmp_path, command, trial):
+    calibration, out = tmp_path / "curved.json", tmp_path / "space_estimates" / "golden_space.recommended.csv"
+    trial.calibration.write(calibration)
+    out.parent.mkdir()
+    path = GOLDEN / "space" / "golden_space.csv"
+    subprocess.run([command, "replay", path, "--calibration", calibration, "--out", out], check=True)
+    expected, replay = wc.read_table(out), trial.replay("recommended")
+    assert replay.table.dtype.names == expected.dtype.names
+    for name in expected.dtype.names:
+        assert np.array_equal(replay.table[name], expected[name], equal_nan=True), name
+    assert replay.touching.sum() > 100
+    assert same_bits(replay.readings_n_m, trial.readings_n_m)
+
+
+def test_verif_scores_equal_those_of_the_command_to_the_bit(tmp_path, command, calibration):
+    dataset = dataset_in_space(tmp_path, calibration)
+    options = ["--estimators", "line,recommended", "--seeds", "2", "--results", tmp_path / "results", "--name", "run"]
+    subprocess.run([command, "evaluate", tmp_path, *options], check=True, capture_output=True)
+    results = wc.read_results(tmp_path / "results" / "run")
+    assert results.run["name"] == tmp_path.name
+    assert {"space_trials", "space_summary", "space_times", "space_estimates/golden_space.line"} <= set(results)
+    for name, table in results.items():
+        assert table.dtype.names, name
+    expected = results["space_trials"]
+    found = wc.evaluate(dataset.traces(), dataset.calibration("curved"), ["line", "recommended"], seeds=2, threads=2)
+    assert len(found) == len(expected) == 4
+    assert set(found.dtype.names) == set(expected.dtype.names) - {"noise_sd_n_m"}
+    for row in expected:
+        [same] = found[(found["estimator"] == row["estimator"]) & (found["seed"] == row["seed"])]
+        for name in found.dtype.names:
+            assert same[name] == row[name] or (np.isnan(same[name]) and np.isnan(row[name])), name
+    assert np.isfinite(expected["rmse_m"]).all()
+
+
+def test_verif_the_true_contacts_have_no_error(trial):
+    replay = trial.run(Known(trial.trace))
+    scores = trial.score(replay)
+    assert np.nanmax(trial.errors_m(replay)) < 1e-12
+    assert scores["rmse_m"] < 1e-12
+    assert scores["nees"] < 1e-9
+    assert scores["answered"] == scores["coverage"] == scores["radius_coverage"] == 1.0
+    assert scores["normal_rad"] < 1e-6
+    assert scores["direction_rad"] < 1e-6
+    assert scores["doubted"] == 0.0
+    assert abs(scores["radius_error"]) < 1e-12
+    assert np.isnan(scores["corner_m"])
+
+
+def test_verif_an_own_estimator_is_judged_like_a_registered_one(trial):
+    own = wc.SpatialEstimator("line", trial.calibration, trial.noise_sd_n_m, trial.rate_hz)
+    one, other = trial.replay("line"), trial.run(own)
+    assert np.allclose(one.contact, other.contact, rtol=0, atol=1e-9, equal_nan=True)
+    assert trial.score(other)["rmse_m"] == pytest.approx(trial.score(one)["rmse_m"], rel=1e-6)
+    assert trial.touched[one.touching].all()
+    assert trial.motions.shape == (len(trial), 7)
+    assert trial.dt_s[0] == 0.0
+    assert trial.dt_s[1:] == pytest.approx(1 / trial.rate_hz)
+
+    class Bare:
+        def step(self, motion, dt_s, reading_n_m):
+            return Answer(np.array([0.05, 0.01, 0.0]), 1e-6 * np.eye(3))
+
+    bare = trial.run(Bare())
+    assert np.linalg.norm(bare.normal, axis=1) == pytest.approx(1.0)
+    assert np.isnan(bare.direction).all()
+    assert not bare.model_doubtful.any()
+
+
+def test_verif_a_replay_has_normals_directions_models_and_surface(trial):
+    line, mixed = trial.replay("line"), trial.replay("recommended")
+    touching = line.touching
+    assert np.linalg.norm(line.direction[touching], axis=1) == pytest.approx(1.0)
+    assert np.allclose(line.direction, line.direction_world, equal_nan=True)
+    assert (line.direction_sd_rad[touching] > 0.0).all()
+    assert line.calibrated[touching].any()
+    assert not line.calibrated[~touching].any()
+    assert (line.nis[touching][1:] >= 0.0).all()
+    assert line.models == {}
+    assert np.allclose(line.normal_covariance, line.normal_covariance.transpose(0, 2, 1), equal_nan=True)
+    wire_m = np.linalg.norm(line.contact_world - line.surface_world, axis=1)[touching]
+    assert wire_m == pytest.approx(0.125e-3, rel=1e-6)
+    assert list(mixed.models) == ["cylinder-fit", "line-fit", "patch-fit", "sphere-fit"]
+    total = sum(mixed.models.values())
+    assert total[mixed.touching] == pytest.approx(1.0)
+    assert np.isnan(total[~mixed.touching]).all()
+    row = int(np.flatnonzero(mixed.touching)[-1])
+    estimate = mixed[row]
+    assert estimate.models == {name: shares[row] for name, shares in mixed.models.items()}
+    assert np.linalg.norm(estimate.surface - estimate.contact) == pytest.approx(0.125e-3, rel=1e-6)
+    squared = estimate.innovation_n_m @ np.linalg.solve(estimate.innovation_covariance_n2_m2, estimate.innovation_n_m)
+    assert squared == pytest.approx(mixed.nis[row])
+    own = wc.SpatialEstimator("line", trial.calibration, trial.noise_sd_n_m, trial.rate_hz)
+    table = own.replay(*inputs(trial.trace)).table
+    assert np.isnan(table["truth_contact_x_m"]).all()
+    assert set(table["calibrated"].tolist()) <= {-1, 0, 1}
+
+
+def test_val_the_bound_is_below_the_error_and_that_of_an_unknown_object_is_above_it(trial):
+    bound = trial.bound
+    direct = wc.spatial_cramer_rao_bound(trial.trace, trial.calibration, trial.noise_sd_n_m)
+    for name in bound.dtype.names:
+        assert np.array_equal(bound[name], direct[name], equal_nan=True), name
+    steady = bound["since_touch_s"] >= 1.0
+    assert steady.sum() > 100
+    assert (bound["object_bound_m"][steady] > bound["bound_m"][steady]).all()
+    assert (bound["radius_bound_m"][steady] > 0.0).all()
+    scores = trial.score(trial.replay("line-fit"))
+    known_m = np.sqrt(np.mean(bound["bound_m"][steady] ** 2))
+    assert known_m == pytest.approx(scores["bound_m"])
+    assert known_m < scores["rmse_m"]
+    assert trial.expected[steady].all()
+    with pytest.raises(ValueError, match="noise_sd_n_m: found 0, expected a positive number"):
+        wc.spatial_cramer_rao_bound(trial.trace, trial.calibration, 0.0)
+    exact = wc.SpatialTrial(trial.trace, trial.calibration, noise_sd_n_m=0.0)
+    assert np.isnan(exact.bound["bound_m"]).all()
+    assert np.isnan(exact.score(exact.run(Known(trial.trace)))["bound_m"])
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (3.0, r"estimate of row 0: estimate: found 3.0, expected None or an object"),
+        (Answer(np.zeros(3)), "estimate of row 0: covariance_m2: found none, expected a positive definite matrix"),
+        (Answer(np.zeros(2), np.eye(3)), "estimate of row 0: contact: found 2 numbers, expected 3"),
+        (Answer(np.array([0.0, np.nan, 0.0]), np.eye(3)), r"contact\[1\]: found NaN, expected finite numbers"),
+        (Answer(np.array([2e3, 0.0, 0.0]), np.eye(3)), "contact: found .*, expected a point within 1000 m"),
+        (Answer(np.zeros(3), np.diag([1.0, 1.0, -1.0])), "covariance_m2: found .*, expected a positive definite matrix"),
+        (Answer(np.zeros(3), np.eye(3), np.array([0.0, 0.0, 2.0])), "normal: found .* of length 2, expected a unit vector"),
+        (Answer(np.zeros(3), np.eye(3), None, np.array([0.0, 0.0, 1.0])), "direction_sd_rad: found none, expected"),
+        (Answer(np.zeros(3), np.eye(3), radius_sd_m=1.0), "radius_m: found none, expected a value beside `radius_sd_m`"),
+        (Answer(np.zeros(3), np.eye(3), radius_m=1.0, radius_sd_m=0.0), "radius_sd_m: found 0, expected a positive number"),
+        (Answer(np.zeros(3), np.eye(3), radius_m=-1.0, radius_sd_m=1.0), "radius_m: found -1, expected a number of 0 or more"),
+    ],
+)
+def test_robust_answers_of_an_own_estimator_in_space_are_checked(trial, answer, message):
+    class Own:
+        def step(self, *_):
+            return answer
+
+    with pytest.raises(ValueError, match=message):
+        trial.run(Own())
+
+
+def test_robust_wrong_arguments_of_trials_in_space_are_one_error(trace, calibration, trial):
+    with pytest.raises(ValueError, match="noise: found -1, expected a number of 0 or more"):
+        wc.SpatialTrial(trace, calibration, noise=-1.0)
+    with pytest.raises(ValueError, match="noise and noise_sd_n_m: found both, expected one"):
+        wc.SpatialTrial(trace, calibration, noise=0.1, noise_sd_n_m=0.0)
+    with pytest.raises(ValueError, match="unknown estimator in space `ukf`, expected one of"):
+        trial.replay("ukf")
+    other = wc.SpatialTrial(trace, calibration, seed=2).replay("line")
+    for use in (trial.score, trial.errors_m):
+        with pytest.raises(ValueError, match=r"replay: row 0: reading: found .*, expected .*, that of the trial of golden_space"):
+            use(other)
+    t_s, base, readings = inputs(trace)
+    own = wc.SpatialEstimator("line", calibration, trial.noise_sd_n_m, trial.rate_hz)
+    with pytest.raises(ValueError, match=r"replay: found 10 rows, expected 482"):
+        trial.score(own.replay(t_s[:10], base[:10], readings[:10]))
+    moved = base + np.array([1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"replay: row 0: base: found"):
+        trial.score(own.replay(t_s, moved, trial.readings_n_m))
+    assert trial.score(own.replay(t_s, base, trial.readings_n_m))["rmse_m"] > 0.0
+
+
+def test_verif_a_folder_with_planar_traces_and_traces_in_space_gives_both(tmp_path, calibration):
+    dataset_in_space(tmp_path, calibration)
+    for file in GOLDEN.glob("golden_pin*"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    dataset = wc.Dataset(tmp_path)
+    traces = dataset.traces()
+    assert [type(trace) for trace in traces] == [wc.Trace, wc.SpatialTrace]
+    assert [trace.name for trace in traces] == ["golden_pin", "golden_space"]
+    assert isinstance(dataset.calibration("curved"), wc.SpatialCalibration)
+    with pytest.raises(ValueError, match="golden_space: found a trace in space, expected a planar trace, as golden_pin is"):
+        wc.evaluate(traces, calibration, ["line"])
+    with pytest.raises(ValueError, match="calibrations: straight: found SpatialCalibration, expected Calibration"):
+        wc.evaluate(traces[:1], calibration, ["ekf"])
+    with pytest.raises(ValueError, match="found no traces with the role `calibration`"):
+        dataset.traces("calibration")
+
+
+def test_verif_the_sweep_of_a_trial_in_space_is_drawn(trial):
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    axes = wc.plot_sweep(trial, {"line": trial.replay("line")})
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["line", "line, stated", "Cramér–Rao bound", "Cramér–Rao bound, unknown object"]
+    axes.figure.canvas.draw()

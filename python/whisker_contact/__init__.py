@@ -15,6 +15,7 @@ the known motion of the root, an estimator computes the point of contact.
 | recordings and sensor models in space | `SpatialTrace`, `load_spatial_calibration`, `fit_spatial_calibration`, \
 `SpatialCalibration`, `SpatialPrediction` |
 | estimation in space | `SpatialEstimator`, `SpatialEstimate`, `SpatialReplay`, `spatial_estimators` |
+| evaluation in space | `SpatialTrial`, `evaluate`, `spatial_cramer_rao_bound` |
 | results | `read_table`, `read_results`, `Results`, `frame` |
 | figures | `plot_sweep`, `plot_outline` |
 
@@ -49,6 +50,7 @@ from ._native import (
     SpatialPrediction,
     SpatialReplay,
     SpatialTrace,
+    SpatialTrial,
     Trace,
     Trial,
     Whisker,
@@ -66,9 +68,10 @@ from ._native import (
     scene_map,
     sensor_models,
     simulate,
+    spatial_cramer_rao_bound,
     spatial_estimators,
 )
-from .evaluation import Stepper, evaluate
+from .evaluation import SpatialStepper, Stepper, evaluate
 from .figures import plot_outline, plot_sweep
 from .results import Results, frame, read_results, read_table
 
@@ -94,7 +97,9 @@ __all__ = [
     "SpatialEstimator",
     "SpatialPrediction",
     "SpatialReplay",
+    "SpatialStepper",
     "SpatialTrace",
+    "SpatialTrial",
     "Stepper",
     "Trace",
     "Trial",
@@ -119,5 +124,6 @@ __all__ = [
     "scene_map",
     "sensor_models",
     "simulate",
+    "spatial_cramer_rao_bound",
     "spatial_estimators",
 ]

@@ -2,15 +2,19 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._native import Calibration, Replay, Trace, Trial, metrics
+from ._native import Calibration, SpatialCalibration, SpatialTrace, SpatialTrial, Trace, Trial
 
 #: Measurement noise of a simulated trace, as a fraction of the largest reading of its set.
 DEFAULT_NOISE = 0.01
+
+_AnyTrace: TypeAlias = Trace | SpatialTrace
+_AnyCalibration: TypeAlias = Calibration | SpatialCalibration
+_Calibrations: TypeAlias = _AnyCalibration | Mapping[str, _AnyCalibration]
 
 
 class Stepper(Protocol):
@@ -20,50 +24,61 @@ class Stepper(Protocol):
         """Take one sample; see `Trial.run`."""
 
 
+class SpatialStepper(Protocol):
+    """Estimator in space written in Python."""
+
+    def step(
+        self,
+        motion: tuple[float, float, float, float, float, float, float],
+        dt_s: float,
+        reading_n_m: tuple[float, float],
+        /,
+    ) -> Any:
+        """Take one sample; see `SpatialTrial.run`."""
+
+
 def evaluate(
-    traces: Iterable[Trace],
-    calibrations: Calibration | Mapping[str, Calibration],
-    estimators: Sequence[str] | Mapping[str, str | Callable[[Trial], Stepper]],
+    traces: Iterable[_AnyTrace],
+    calibrations: Calibration | SpatialCalibration | Mapping[str, Calibration] | Mapping[str, SpatialCalibration],
+    estimators: Sequence[str]
+    | Mapping[str, str | Callable[[Trial], Stepper]]
+    | Mapping[str, str | Callable[[SpatialTrial], SpatialStepper]],
     noise: float | None = None,
     seeds: int | Sequence[int] = 1,
     threads: int = 1,
 ) -> NDArray[np.void]:
     """Scores of estimators on every trace, with the noise, the seeds and the metrics of `whisker evaluate`.
 
-    `calibrations` is one calibration, or one for each whisker by its name. `estimators` are names of registered estimators, or a
-    dictionary from the name of a row to a registered name or to a function that makes an estimator from a `Trial`; what it
-    makes has a method `step` (see `Trial.run`) and must not use `Trial.trace`, which holds the truth. `noise` is a fraction of
-    the largest reading of all traces with the same group and whisker, by default 0.01, and 0 for recordings of real sensors.
-    `seeds` are a number of seeds from 1 on, or the seeds themselves. Registered estimators run in parallel on `threads` threads,
-    with the same result.
+    `traces` are planar ones or ones in space, not both. `calibrations` is one calibration, or one for each whisker by its name.
+    `estimators` are names of registered estimators, or a dictionary from the name of a row to a registered name or to a function that
+    makes an estimator from a `Trial`, in space from a `SpatialTrial`; what it makes has a method `step` (see `Trial.run`) and must
+    not use `Trial.trace`, which holds the truth. `noise` is a fraction of the largest reading of all traces with the same group and
+    whisker, by default 0.01, and 0 for recordings of real sensors. `seeds` are a number of seeds from 1 on, or the seeds themselves.
+    Registered estimators run in parallel on `threads` threads, with the same result.
 
     Returns a structured array with a row for each trace, seed and estimator: `trace`, `group`, `whisker`, `seed`, `estimator`,
-    then the metrics.
+    then the scores, those of `Trial.score` or `SpatialTrial.score`.
     """
     traces = list(traces)
     if isinstance(estimators, str):
         raise TypeError(f"estimators: found the text `{estimators}`, expected names in a list, or a dictionary")
     if threads < 1:
         raise ValueError(f"threads: found {threads}, expected at least 1")
-    chosen = estimators if isinstance(estimators, Mapping) else {name: name for name in estimators}
+    chosen: Mapping[str, Any] = estimators if isinstance(estimators, Mapping) else {name: name for name in estimators}
     if not traces or not chosen:
         raise ValueError(f"evaluate: found {len(traces)} traces and {len(chosen)} estimators, expected at least one of each")
+    _check_kinds(traces, calibrations)
     each_seed = range(1, int(seeds) + 1) if isinstance(seeds, (int, np.integer)) else seeds
     if len(each_seed) == 0:
         raise ValueError("seeds: found none, expected at least one")
     largest_n_m = _largest_readings(traces, calibrations)
 
-    def trial_rows(trace: Trace, seed: int) -> list[tuple[object, ...]]:
-        calibration = _calibration(calibrations, trace.whisker.name)
-        recorded = "recorded" in trace.sidecar
-        fraction = noise if noise is not None else (0.0 if recorded else DEFAULT_NOISE)
+    def trial_rows(trace: _AnyTrace, seed: int) -> list[dict[str, object]]:
+        fraction = noise if noise is not None else (0.0 if "recorded" in trace.sidecar else DEFAULT_NOISE)
         added_n_m = fraction * largest_n_m[trace.group, trace.whisker.name]
-        trial = Trial(trace, calibration, seed=seed, noise_sd_n_m=added_n_m)
-        rows = []
-        for name, estimator in chosen.items():
-            scores = trial.score(_replay(trial, estimator))
-            rows.append((trace.name, trace.group, trace.whisker.name, seed, name, *scores.values()))
-        return rows
+        trial = _trial(trace, _calibration(calibrations, trace.whisker.name), seed, added_n_m)
+        head = {"trace": trace.name, "group": trace.group, "whisker": trace.whisker.name, "seed": seed}
+        return [{**head, "estimator": name, **_scores(trial, estimator)} for name, estimator in chosen.items()]
 
     jobs = [(trace, seed) for trace in traces for seed in each_seed]
     if threads == 1:
@@ -74,31 +89,65 @@ def evaluate(
     return _table([row for of_trial in rows for row in of_trial])
 
 
-def _largest_readings(traces: list[Trace], calibrations: Calibration | Mapping[str, Calibration]) -> dict[tuple[str, str], float]:
+def _check_kinds(traces: list[_AnyTrace], calibrations: _Calibrations) -> None:
+    """Check that traces and calibrations are either planar or in space."""
+    in_space = isinstance(traces[0], SpatialTrace)
+    kinds = ("a planar trace", "a trace in space")
+    for trace in traces:
+        if isinstance(trace, SpatialTrace) != in_space:
+            found, expected = kinds[not in_space], kinds[in_space]
+            raise ValueError(f"traces: {trace.name}: found {found}, expected {expected}, as {traces[0].name} is")
+    expected_class = SpatialCalibration if in_space else Calibration
+    for whisker in dict.fromkeys(trace.whisker.name for trace in traces):
+        calibration = _calibration(calibrations, whisker)
+        if not isinstance(calibration, expected_class):
+            found, name = type(calibration).__name__, expected_class.__name__
+            raise ValueError(f"calibrations: {whisker}: found {found}, expected {name}, as for {kinds[in_space]}")
+
+
+def _largest_readings(traces: list[_AnyTrace], calibrations: _Calibrations) -> dict[tuple[str, str], float]:
     largest_n_m: dict[tuple[str, str], float] = {}
     for trace in traces:
         key = (trace.group, trace.whisker.name)
-        moments_n_m = np.abs(trace.recording["moment_z_n_m"])
-        admitted_n_m = moments_n_m[moments_n_m <= _calibration(calibrations, trace.whisker.name).gate_n_m]
-        largest_n_m[key] = max(largest_n_m.get(key, 0.0), float(admitted_n_m.max(initial=0.0)))
+        moments_n_m = _moments_n_m(trace, _calibration(calibrations, trace.whisker.name))
+        largest_n_m[key] = max(largest_n_m.get(key, 0.0), float(moments_n_m.max(initial=0.0)))
     return largest_n_m
 
 
-def _calibration(calibrations: Calibration | Mapping[str, Calibration], whisker: str) -> Calibration:
-    if isinstance(calibrations, Calibration):
+def _moments_n_m(trace: _AnyTrace, calibration: _AnyCalibration) -> NDArray[np.float64]:
+    """Magnitudes of the bending moments, in the plane of those that a contact may explain."""
+    known = trace.recording
+    if isinstance(calibration, SpatialCalibration):
+        # A square root of squares, as in Rust: `np.hypot` differs in the last bit.
+        squares: NDArray[np.float64] = known["moment_y_n_m"] ** 2 + known["moment_z_n_m"] ** 2
+        return np.sqrt(squares)
+    moments_n_m: NDArray[np.float64] = np.abs(known["moment_z_n_m"])
+    return moments_n_m[moments_n_m <= calibration.gate_n_m]
+
+
+def _calibration(calibrations: _Calibrations, whisker: str) -> _AnyCalibration:
+    if isinstance(calibrations, (Calibration, SpatialCalibration)):
         return calibrations
     if whisker not in calibrations:
         raise ValueError(f"calibrations: found {', '.join(calibrations) or 'none'}, expected `{whisker}` among them")
     return calibrations[whisker]
 
 
-def _replay(trial: Trial, estimator: str | Callable[[Trial], Stepper]) -> Replay:
-    return trial.replay(estimator) if isinstance(estimator, str) else trial.run(estimator(trial))
+def _trial(trace: _AnyTrace, calibration: Any, seed: int, noise_sd_n_m: float) -> Any:
+    if isinstance(trace, SpatialTrace):
+        return SpatialTrial(trace, calibration, seed=seed, noise_sd_n_m=noise_sd_n_m)
+    return Trial(trace, calibration, seed=seed, noise_sd_n_m=noise_sd_n_m)
 
 
-def _table(rows: list[tuple[object, ...]]) -> NDArray[np.void]:
-    texts = [("trace", 0), ("group", 1), ("whisker", 2), ("estimator", 4)]
-    width = {name: max(len(str(row[place])) for row in rows) for name, place in texts}
-    head = [(name, f"U{width[name]}") for name in ("trace", "group", "whisker")]
-    scores = [(metric["name"], np.float64) for metric in metrics()]
-    return np.array(rows, dtype=[*head, ("seed", np.uint64), ("estimator", f"U{width['estimator']}"), *scores])
+def _scores(trial: Any, estimator: Any) -> dict[str, float]:
+    replay = trial.replay(estimator) if isinstance(estimator, str) else trial.run(estimator(trial))
+    scores: dict[str, float] = trial.score(replay)
+    return scores
+
+
+def _table(rows: list[dict[str, object]]) -> NDArray[np.void]:
+    texts = ("trace", "group", "whisker", "estimator")
+    width = {name: max(len(str(row[name])) for row in rows) for name in texts}
+    kinds: dict[str, Any] = {name: f"U{width[name]}" for name in texts} | {"seed": np.uint64}
+    columns = [(name, kinds.get(name, np.float64)) for name in rows[0]]
+    return np.array([tuple(row.values()) for row in rows], dtype=columns)

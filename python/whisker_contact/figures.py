@@ -1,12 +1,12 @@
 """Figures of replays, by matplotlib."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import Any
 
 import numpy as np
 
-from ._native import Replay, Trial
+from ._native import Replay, SpatialReplay, SpatialTrial, Trial
 
 #: Half width of a 95 % interval, in standard deviations.
 _NORMAL_95 = 1.959963984540054
@@ -25,18 +25,29 @@ def _axes(function: str, axes: Any) -> Any:
     return pyplot.subplots(layout="constrained")[1]
 
 
-def plot_sweep(trial: Trial, replays: Replay | Mapping[str, Replay], axes: Any = None) -> Any:
+def plot_sweep(
+    trial: Trial | SpatialTrial,
+    replays: Replay | SpatialReplay | Mapping[str, Replay] | Mapping[str, SpatialReplay],
+    axes: Any = None,
+) -> Any:
     """Contact error of replays over time, with the standard deviation that they state and the posterior Cramér–Rao bound.
 
-    `replays` is one replay, or several by their labels. Draws on `axes`, by default new ones, and returns them.
+    `trial` is one in the plane or in space; in space also the bound with an unknown object is drawn. `replays` is one replay of the
+    trial, or several by their labels. Draws on `axes`, by default new ones, and returns them.
     """
     axes = _axes("plot_sweep", axes)
     t_s = trial.trace.recording["t_s"]
-    labelled = replays if isinstance(replays, Mapping) else {"estimate": replays}
+    labelled: Mapping[str, Any] = replays if isinstance(replays, Mapping) else {"estimate": replays}
+    # Replays of the other kind are refused by `errors_m`.
+    error_m: Callable[[Any], Any] = trial.errors_m
     for (label, replay), color in zip(labelled.items(), cycle(_COLORS), strict=False):
-        axes.plot(t_s, 1e3 * trial.errors_m(replay), linewidth=1.0, color=color, label=label)
+        axes.plot(t_s, 1e3 * error_m(replay), linewidth=1.0, color=color, label=label)
         axes.plot(t_s, 1e3 * replay.sd_m, linewidth=1.5, linestyle=":", color=color, label=f"{label}, stated")
-    axes.plot(t_s, 1e3 * trial.bound["bound_m"], color="black", linewidth=1.5, label="Cramér–Rao bound")
+    bound = trial.bound
+    axes.plot(t_s, 1e3 * bound["bound_m"], color="black", linewidth=1.5, label="Cramér–Rao bound")
+    if isinstance(trial, SpatialTrial) and np.isfinite(bound["object_bound_m"]).any():
+        label = "Cramér–Rao bound, unknown object"
+        axes.plot(t_s, 1e3 * bound["object_bound_m"], color="black", linewidth=1.5, linestyle="--", label=label)
     axes.set(xlabel="time (s)", ylabel="contact error (mm)", yscale="log", title=trial.trace.name)
     # To the right of the axes the legend covers neither data nor title.
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._native import check_table
+from ._native import check_run, check_table
 
 
 def read_table(path: str | PathLike[str]) -> NDArray[np.void]:
-    """Table of a run, such as `trials.csv`, as a structured array.
+    """Table of a run, such as `trials.csv` or, in space, `space_trials.csv`, as a structured array.
 
     The columns are described in `datasets/FORMAT.md`. A missing number is NaN, a missing flag is -1 (true is 1, false is 0), a
     missing text is empty.
@@ -44,14 +44,15 @@ def _column(cells: list[str]) -> NDArray[Any]:
 
 
 class Results(Mapping[str, NDArray[np.void]]):
-    """Tables of a run by the path in its folder without `.csv`, read at each access: `results["trials"]`."""
+    """Tables of a run by the path in its folder without `.csv`, read at each access: `results["trials"]`, in space
+    `results["space_trials"]`."""
 
     def __init__(self, folder: str | PathLike[str]) -> None:
         self.folder = Path(folder)
         """Folder of the run."""
-        with (self.folder / "run.json").open(encoding="utf-8") as file:
+        with (self.folder / check_run(self.folder)).open(encoding="utf-8") as file:
             self.run: dict[str, Any] = json.load(file)
-            """Record of the run, `run.json`: settings, estimators, sets of trials."""
+            """Record of the run, `run.json` or `space_run.json`: settings, estimators, trials."""
         self._paths = {
             path.relative_to(self.folder).with_suffix("").as_posix(): path for path in sorted(self.folder.rglob("*.csv"))
         }
@@ -72,7 +73,10 @@ class Results(Mapping[str, NDArray[np.void]]):
 
 
 def read_results(folder: str | PathLike[str]) -> Results:
-    """Results of a run, from its folder (`results/<run>`)."""
+    """Results of a run in the plane or in space, from its folder (`results/<run>`).
+
+    `FileNotFoundError` says that a folder has no results, `ValueError` that it has others than those of a run.
+    """
     return Results(folder)
 
 

@@ -146,7 +146,7 @@ impl Dataset {
     pub fn of_role(&self, role: Role) -> anyhow::Result<Vec<&Path>> {
         let mut paths = Vec::new();
         for path in &self.paths {
-            if Sidecar::read(path)?.role == role {
+            if self::role(path)? == role {
                 paths.push(path.as_path());
             }
         }

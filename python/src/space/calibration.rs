@@ -1,6 +1,6 @@
 //! The class `SpatialCalibration` and its predictions.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use ::trace::{FittedData, SpatialCalibrationFile};
@@ -28,7 +28,8 @@ use crate::whisker::Whisker;
 /// A calibration comes from `load_spatial_calibration` or `fit_spatial_calibration`.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialCalibration {
-    file: SpatialCalibrationFile,
+    pub(super) file: SpatialCalibrationFile,
+    pub(super) path: PathBuf,
     pub(super) calibrated: Arc<CalibratedSpace>,
 }
 
@@ -37,7 +38,7 @@ pub(crate) struct SpatialCalibration {
 /// A calibration beside the traces that it was fitted to is refused if they have changed since.
 #[pyfunction]
 pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResult<SpatialCalibration> {
-    py.detach(|| anyhow::Ok(SpatialCalibration::new(read_calibration(&path)?, &path)?)).map_err(raised)
+    py.detach(|| anyhow::Ok(SpatialCalibration::new(read_calibration(&path)?, path)?)).map_err(raised)
 }
 
 /// Fits the sensor models of a whisker in space to calibration data and chooses the best by cross-validation.
@@ -84,7 +85,7 @@ pub(crate) fn fit_spatial_calibration(
     let file = SpatialCalibrationFile::new(&fits, data, watermark).ok_or_else(|| {
         refused("lines", "data to which no model can be fitted", &format!("other data: {}", reasons.join("; ")))
     })?;
-    SpatialCalibration::new(file, Path::new("calibration")).map_err(raised)
+    SpatialCalibration::new(file, "calibration".into()).map_err(raised)
 }
 
 /// Calibration samples of one line. Its largest reading must not be opposite or perpendicular to the bending moment of the rod at
@@ -112,9 +113,9 @@ fn samples(rod: &Rod, i: usize, (contacts, readings): &(Numbers<'_>, Numbers<'_>
 }
 
 impl SpatialCalibration {
-    fn new(file: SpatialCalibrationFile, path: &Path) -> Result<Self, files::Error> {
-        let calibrated = file.calibrated(path, None)?;
-        Ok(Self { file, calibrated })
+    fn new(file: SpatialCalibrationFile, path: PathBuf) -> Result<Self, files::Error> {
+        let calibrated = file.calibrated(&path, None)?;
+        Ok(Self { file, path, calibrated })
     }
 }
 

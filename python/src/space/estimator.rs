@@ -2,16 +2,16 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use ::trace::SpatialPose;
+use ::trace::{SpatialInstant, SpatialPose};
 use ::whisker::events::TouchConfig;
 use ::whisker::space::estimators::{self, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow};
 use anyhow::Context;
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2};
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use serde_json::{Value, json};
 use testbed::space::replay::{SpatialSteps, registered};
-use testbed::space::to_world;
 
 use super::calibration::SpatialCalibration;
 use super::pose::{motion, placed};
@@ -54,12 +54,31 @@ impl From<estimators::Estimator> for Running {
     }
 }
 
-impl SpatialEstimator {
-    fn start(row: &SpatialEstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> PyResult<estimators::Estimator> {
-        let built = row.build(config, TouchConfig::default(), knowledge);
-        built.with_context(|| format!("settings of `{}`", row.name)).map_err(raised)
-    }
+/// A registered estimator with its settings, before its first sample.
+pub(super) fn start(
+    row: &SpatialEstimatorRow,
+    config: &Value,
+    knowledge: &Arc<Knowledge>,
+) -> PyResult<estimators::Estimator> {
+    let built = row.build(config, TouchConfig::default(), knowledge);
+    built.with_context(|| format!("settings of `{}`", row.name)).map_err(raised)
+}
 
+/// Estimates of all samples of a recording.
+pub(super) fn replayed(
+    py: Python<'_>,
+    estimator: &mut estimators::Estimator,
+    samples: &[Sample],
+) -> PyResult<Vec<Option<estimators::Estimate>>> {
+    let mut estimates = Vec::with_capacity(samples.len());
+    interrupt::each(py, samples.len(), |row| {
+        estimates.push(estimator.step(&samples[row]));
+        Ok(())
+    })?;
+    Ok(estimates)
+}
+
+impl SpatialEstimator {
     fn running(&self) -> MutexGuard<'_, Running> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -89,7 +108,7 @@ impl SpatialEstimator {
         let row = registered(name).map_err(raised)?;
         let config = settings_over(name, row.defaults(), settings)?;
         let knowledge = Arc::new(Knowledge { calibrated: calibration.calibrated.clone(), noise_sd_n_m, rate_hz });
-        let running = Mutex::new(Self::start(row, &config, &knowledge)?.into());
+        let running = Mutex::new(start(row, &config, &knowledge)?.into());
         Ok(Self { row, config, knowledge, running })
     }
 
@@ -115,7 +134,7 @@ impl SpatialEstimator {
         let mut running = self.running();
         running.sampling.step(dt_s)?;
         let estimate = running.estimator.step(&Sample { motion, dt_s, reading_n_m });
-        Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
+        Ok(estimate.map(|estimate| SpatialEstimate::new(estimate, &self.knowledge)))
     }
 
     /// Takes one sample given by the time (s), the pose of the base in World (x, y, z in m and a unit quaternion w, x, y, z) and the
@@ -128,7 +147,7 @@ impl SpatialEstimator {
         running.sampling.update(t_s)?;
         let sample = running.steps.sample(t_s, &base, reading_n_m);
         let estimate = running.estimator.step(&sample);
-        Ok(estimate.map(|estimate| SpatialEstimate { estimate }))
+        Ok(estimate.map(|estimate| SpatialEstimate::new(estimate, &self.knowledge)))
     }
 
     /// Replays a recording from its beginning, independently of `step`: times (n) in s, poses of the base in World (n, 7), each x,
@@ -146,20 +165,29 @@ impl SpatialEstimator {
         same_length("readings_n_m", readings.len(), "t_s", times_s.len())?;
         let bases = bases.iter().enumerate().map(|(row, &base)| placed(&format!("base[{row}]"), base));
         let bases: Vec<SpatialPose> = bases.collect::<PyResult<_>>()?;
+        let readings_n_m: Vec<Vector2<f64>> = readings.into_iter().map(Vector2::from).collect();
         let mut steps = SpatialSteps::default();
-        let mut estimator = Self::start(self.row, &self.config, &self.knowledge)?;
-        let mut estimates = Vec::with_capacity(times_s.len());
-        interrupt::each(py, times_s.len(), |row| {
-            estimates.push(estimator.step(&steps.sample(times_s[row], &bases[row], Vector2::from(readings[row]))));
-            Ok(())
-        })?;
-        let bases = bases.iter().map(to_world).collect();
-        Ok(SpatialReplay { times_s, bases, estimates })
+        let known = times_s.iter().zip(&bases).zip(&readings_n_m);
+        let samples: Vec<Sample> = known.map(|((t_s, base), reading)| steps.sample(*t_s, base, *reading)).collect();
+        let mut estimator = start(self.row, &self.config, &self.knowledge)?;
+        let estimates = replayed(py, &mut estimator, &samples)?;
+        let instants = times_s.into_iter().zip(bases).zip(&readings_n_m);
+        let instants = instants.map(|((t_s, base), reading_n_m)| SpatialInstant {
+            t_s,
+            base,
+            twist: None,
+            moment_x_n_m: None,
+            moment_y_n_m: reading_n_m.x,
+            moment_z_n_m: reading_n_m.y,
+            force_x_n: None,
+            rotation: None,
+        });
+        Ok(SpatialReplay::new(self.knowledge.clone(), instants.collect(), None, readings_n_m, estimates))
     }
 
     /// Resets the estimator: discards all samples.
     fn reset(&self) -> PyResult<()> {
-        let fresh = Self::start(self.row, &self.config, &self.knowledge)?;
+        let fresh = start(self.row, &self.config, &self.knowledge)?;
         *self.running() = fresh.into();
         Ok(())
     }
@@ -173,6 +201,13 @@ impl SpatialEstimator {
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialEstimate {
     pub(super) estimate: estimators::Estimate,
+    knowledge: Arc<Knowledge>,
+}
+
+impl SpatialEstimate {
+    pub(super) fn new(estimate: estimators::Estimate, knowledge: &Arc<Knowledge>) -> Self {
+        Self { estimate, knowledge: knowledge.clone() }
+    }
 }
 
 #[pymethods]
@@ -180,31 +215,38 @@ impl SpatialEstimate {
     /// Contact (3) on the centre line, in Base (m).
     #[getter]
     fn contact<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        array(py, self.estimate.contact.vector())
+        array(py, &self.estimate.contact.vector())
     }
 
     /// Posterior covariance of the contact (3, 3), in Base (m2).
     #[getter]
     fn covariance_m2<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        square(py, self.estimate.covariance_m2)
+        square(py, &self.estimate.covariance_m2)
+    }
+
+    /// Point (3) of the object's surface, in Base (m): the contact shifted by the wire's radius towards the object.
+    #[getter]
+    fn surface<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let surface = self.knowledge.calibrated.surface(self.estimate.contact, self.estimate.normal);
+        array(py, &surface.vector())
     }
 
     /// Unit normal (3) of the touched surface out of the object, in Base.
     #[getter]
     fn normal<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        array(py, self.estimate.normal)
+        array(py, &self.estimate.normal)
     }
 
     /// Posterior covariance of the normal (3, 3), in Base (rad2), singular along the normal itself.
     #[getter]
     fn normal_covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        square(py, self.estimate.normal_covariance)
+        square(py, &self.estimate.normal_covariance)
     }
 
     /// Unit direction (3) of the edge or rod in Base, of either sign. `None` if the method does not estimate it.
     #[getter]
     fn direction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        self.estimate.direction.map(|direction| array(py, direction.along))
+        self.estimate.direction.map(|direction| array(py, &direction.along))
     }
 
     /// Standard deviation of the angle of `direction` in the tangent plane of the contact (rad).
@@ -238,6 +280,28 @@ impl SpatialEstimate {
         self.estimate.model_doubtful
     }
 
+    /// Probabilities of the competing models by name, in descending order. `None` for methods with one model only.
+    #[getter]
+    fn models<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(shares) = self.estimate.models else { return Ok(None) };
+        let models = PyDict::new(py);
+        shares.iter().try_for_each(|(name, share)| models.set_item(name, share))?;
+        Ok(Some(models))
+    }
+
+    /// Innovation (2) of the last update (N m): bending moments minus predicted ones, about y and z of Base. `None` where there is
+    /// none, as at the touch.
+    #[getter]
+    fn innovation_n_m<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.estimate.innovation.map(|innovation| array(py, &innovation.residual))
+    }
+
+    /// Covariance of the innovation (2, 2), in N2 m2.
+    #[getter]
+    fn innovation_covariance_n2_m2<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        self.estimate.innovation.map(|innovation| square(py, &innovation.covariance))
+    }
+
     fn __repr__(&self) -> String {
         let at = 1e3 * self.estimate.contact.vector();
         let sd_mm = 1e3 * self.estimate.covariance_m2.trace().sqrt();
@@ -245,10 +309,10 @@ impl SpatialEstimate {
     }
 }
 
-fn array(py: Python<'_>, vector: Vector3<f64>) -> Bound<'_, PyArray1<f64>> {
+fn array<'py, const N: usize>(py: Python<'py>, vector: &SVector<f64, N>) -> Bound<'py, PyArray1<f64>> {
     PyArray1::from_slice(py, vector.as_slice())
 }
 
-fn square(py: Python<'_>, matrix: Matrix3<f64>) -> Bound<'_, PyArray2<f64>> {
-    numpy::ndarray::Array2::from_shape_fn((3, 3), |place| matrix[place]).to_pyarray(py)
+fn square<'py, const N: usize>(py: Python<'py>, matrix: &SMatrix<f64, N, N>) -> Bound<'py, PyArray2<f64>> {
+    numpy::ndarray::Array2::from_shape_fn((N, N), |place| matrix[place]).to_pyarray(py)
 }

@@ -4,8 +4,10 @@ mod calibration;
 mod estimator;
 mod pose;
 mod replay;
+mod returned;
 mod rod;
 mod trace;
+mod trial;
 
 pub(crate) use calibration::{
     SpatialCalibration, SpatialPrediction, fit_spatial_calibration, load_spatial_calibration,
@@ -14,3 +16,4 @@ pub(crate) use estimator::{SpatialEstimate, SpatialEstimator, spatial_estimators
 pub(crate) use replay::SpatialReplay;
 pub(crate) use rod::{Rod, SpatialContacts};
 pub(crate) use trace::SpatialTrace;
+pub(crate) use trial::{SpatialTrial, spatial_cramer_rao_bound};

@@ -1,6 +1,7 @@
 //! The class `SpatialTrace`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ::trace::{SpatialInstant, SpatialTruthInstant};
 use nalgebra::Vector3;
@@ -15,9 +16,17 @@ use crate::whisker::Whisker;
 /// Recording of one sweep in space with its ground truth, free of measurement noise.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialTrace {
-    pub(crate) trace: ::trace::SpatialTrace,
+    pub(crate) trace: Arc<::trace::SpatialTrace>,
     recording: PyOnceLock<Py<PyAny>>,
     truth: PyOnceLock<Py<PyAny>>,
+}
+
+impl SpatialTrace {
+    /// Reads a trace.
+    pub(crate) fn of(path: &Path) -> Result<Self, files::Error> {
+        let trace = Arc::new(::trace::SpatialTrace::read(path)?);
+        Ok(Self { trace, recording: PyOnceLock::new(), truth: PyOnceLock::new() })
+    }
 }
 
 #[pymethods]
@@ -25,8 +34,7 @@ impl SpatialTrace {
     /// Reads the trace with this CSV or sidecar path and checks it against its sidecar.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let trace = py.detach(|| ::trace::SpatialTrace::read(&path)).map_err(raised)?;
-        Ok(Self { trace, recording: PyOnceLock::new(), truth: PyOnceLock::new() })
+        py.detach(|| Self::of(&path)).map_err(raised)
     }
 
     /// Name of the trace.

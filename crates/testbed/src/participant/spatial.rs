@@ -132,7 +132,7 @@ impl SensorTable {
         extend(of_y, expected.gradient_n.row(0).iter());
         let of_z = [&mut self.moment_z_by_x_n, &mut self.moment_z_by_y_n, &mut self.moment_z_by_z_n];
         extend(of_z, expected.gradient_n.row(1).iter());
-        extend([&mut self.normal_x, &mut self.normal_y, &mut self.normal_z], normal(calibrated, at).iter());
+        extend([&mut self.normal_x, &mut self.normal_y, &mut self.normal_z], calibrated.normal(at).iter());
         self.model_cov_yy_n2_m2.push(error.m11);
         self.model_cov_yz_n2_m2.push(error.m12);
         self.model_cov_zz_n2_m2.push(error.m22);
@@ -142,19 +142,6 @@ impl SensorTable {
 /// Appends one value to each column.
 fn extend<'a, const COUNT: usize>(columns: [&mut Vec<f64>; COUNT], values: impl Iterator<Item = &'a f64>) {
     columns.into_iter().zip(values).for_each(|(column, value)| column.push(*value));
-}
-
-/// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the contact is
-/// displaced; upwards where it is not.
-fn normal(calibrated: &CalibratedSpace, at: Around) -> Vector3<f64> {
-    match calibrated.geometry() {
-        Some(geometry) => geometry.at(calibrated.domain.clamp(at)).normal,
-        None => {
-            let foot = Around::new(at.along_m, 0.0, 0.0).contact(&calibrated.rest);
-            let displaced_m = at.contact(&calibrated.rest).vector() - foot.vector();
-            displaced_m.try_normalize(0.0).unwrap_or_else(Vector3::z)
-        }
-    }
 }
 
 /// Any later line: the sample at one instant.
@@ -398,12 +385,13 @@ impl SpatialAnswerLine {
         Ok(Some(Estimate {
             contact,
             covariance_m2,
-            normal: stated.unwrap_or_else(|| normal(calibrated, at)),
+            normal: stated.unwrap_or_else(|| calibrated.normal(at)),
             normal_covariance: Matrix3::zeros(),
             direction,
             radius,
             calibrated: calibrated.domain.contains(at),
             innovation: None,
+            models: None,
             model_doubtful: self.model_doubtful,
         }))
     }

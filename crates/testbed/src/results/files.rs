@@ -162,7 +162,6 @@ macro_rules! run_files {
     };
 }
 
-#[cfg(feature = "evaluation")]
 pub(crate) use {run_files, table};
 
 run_files! {

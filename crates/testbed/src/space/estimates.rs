@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
-use trace::SpatialTrace;
+use trace::{SpatialInstant, SpatialTruthInstant};
 use whisker::space::estimators::Estimate;
 use whisker::space::sensor::CalibratedSpace;
 
@@ -137,15 +137,14 @@ impl SpatialEstimateRow {
     }
 }
 
-/// Row of one instant of a trace with the readings given to the estimator (N m, 2x1) and its answer.
+/// Row of one instant of a trace with its truth, the readings given to the estimator (N m, 2x1) and its answer.
 pub fn spatial_estimate_row(
-    trace: &SpatialTrace,
+    now: &SpatialInstant,
+    truth: &SpatialTruthInstant,
     calibrated: &CalibratedSpace,
-    instant: usize,
     reading_n_m: Vector2<f64>,
     estimate: Option<&Estimate>,
 ) -> SpatialEstimateRow {
-    let now = &trace.recording.instants[instant];
     let base = to_world(&now.base);
     let contact = estimate.map(|estimate| base.apply(estimate.contact).vector());
     let surface = estimate.map(|estimate| calibrated.surface(estimate.contact, estimate.normal));
@@ -154,7 +153,7 @@ pub fn spatial_estimate_row(
     let normal = estimate.map(|estimate| base.turn_vector(estimate.normal));
     let direction = estimate.and_then(|estimate| estimate.direction);
     let along = direction.map(|direction| base.turn_vector(direction.along));
-    let truth = trace.truth.instants[instant].contact;
+    let truth = truth.contact;
     let quaternion = now.base.rotation.quaternion();
     SpatialEstimateRow {
         t_s: now.t_s,

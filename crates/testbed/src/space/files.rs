@@ -1,8 +1,7 @@
 //! Table of the files of a run in space, from which `whisker check` and the replacement of a run are derived.
 
-use super::evaluate::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
-use super::map::VoxelRow;
-use super::{SpatialEstimateRow, SpatialMapRow};
+use super::SpatialEstimateRow;
+use super::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow, VoxelRow};
 use crate::results::files::{Per, Rows, RunFile, Writer, run_files, table};
 use crate::results::{FailureRow, read_rows};
 

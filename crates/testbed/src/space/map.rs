@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
 
+pub use super::rows::{Occupancy, VoxelRow};
 use super::solid::Solid;
 use super::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire};
 
@@ -65,30 +65,6 @@ impl SurfacePoint {
     pub fn sd_m(&self) -> f64 {
         self.covariance_m2.trace().sqrt()
     }
-}
-
-/// State of a voxel.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Occupancy {
-    /// A whisker passed through it.
-    Free,
-    /// It contains a point of the surface.
-    Occupied,
-}
-
-/// A voxel that was observed.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct VoxelRow {
-    /// Centre in World, x.
-    pub x_m: f64,
-    /// Centre in World, y.
-    pub y_m: f64,
-    /// Centre in World, z.
-    pub z_m: f64,
-    /// State.
-    pub state: Occupancy,
 }
 
 /// Map of the sweeps over one scene.

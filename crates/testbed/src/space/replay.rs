@@ -40,21 +40,34 @@ pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
     Ok(calibration)
 }
 
-/// The calibrated whisker of a trace from a calibration, whose path is used in error messages.
+/// Checks that a calibration, whose path is used in error messages, is one of the whisker of a trace.
 ///
 /// # Errors
-/// If the calibration is one of another whisker.
-pub fn calibrated(
+/// If it is one of another whisker.
+pub fn check_calibration(
     path: &Path,
     calibration: &SpatialCalibrationFile,
     sidecar: &SpatialSidecar,
-) -> anyhow::Result<Arc<CalibratedSpace>> {
+) -> anyhow::Result<()> {
     if let Some(difference) = calibration.whisker.difference(&sidecar.whisker) {
         bail!("{}: whisker.{difference}, as in {}; fit a calibration to this whisker", path.display(), sidecar.name);
     }
     if calibration.spatial_whisker() != sidecar.spatial_whisker() {
         bail!("{}: suspension, poisson_ratio: found other values than those of {}", path.display(), sidecar.name);
     }
+    Ok(())
+}
+
+/// The calibrated whisker of a trace from a calibration, whose path is used in error messages.
+///
+/// # Errors
+/// As [`check_calibration`].
+pub fn calibrated(
+    path: &Path,
+    calibration: &SpatialCalibrationFile,
+    sidecar: &SpatialSidecar,
+) -> anyhow::Result<Arc<CalibratedSpace>> {
+    check_calibration(path, calibration, sidecar)?;
     Ok(calibration.calibrated(path, None)?)
 }
 

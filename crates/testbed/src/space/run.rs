@@ -21,6 +21,7 @@ use super::files::{
 };
 use super::map::{SpatialMap, Sweep};
 use super::participant::described;
+use super::rows::SpatialMapRow;
 use super::solid::Solid;
 use crate::dataset::Dataset;
 use crate::evaluate::part_folder::{PartFolder, restore, tidy};
@@ -212,26 +213,6 @@ struct Swept<'a> {
 /// Names of the traces of some trials, joined by `+`.
 fn joined(trials: &[&SpatialRunTrial]) -> String {
     trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+")
-}
-
-/// Map of one solid by one estimator, against the true solid.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpatialMapRow {
-    /// Names of the traces of the sweeps over the solid, joined by `+`.
-    pub traces: String,
-    /// Name of the estimator.
-    pub estimator: String,
-    /// Number of points of the surface.
-    pub points: usize,
-    /// Number of estimates left out of the map.
-    pub left_out: usize,
-    /// Number of objects found; there is one.
-    pub objects: usize,
-    /// Mean distance of the points from the true solid, not aligned. `None` for meshes and without points.
-    pub mean_m: Option<f64>,
-    /// 95th percentile of that distance.
-    pub p95_m: Option<f64>,
 }
 
 /// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.

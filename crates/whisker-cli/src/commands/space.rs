@@ -145,10 +145,11 @@ pub(super) fn replay_in_space(
     let Prepared { trace: read, knowledge, readings_n_m } = Prepared::with_noise(read, options, &noise, &calibration)?;
     let InSpace { row, config, .. } = options;
     let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
-    let answers = readings_n_m.iter().zip(&replayed.estimates).enumerate();
-    let rows: Vec<SpatialEstimateRow> = answers
-        .map(|(instant, (reading, estimate))| {
-            spatial_estimate_row(&read, &knowledge.calibrated, instant, *reading, estimate.as_ref())
+    let instants = read.recording.instants.iter().zip(&read.truth.instants);
+    let rows: Vec<SpatialEstimateRow> = instants
+        .zip(readings_n_m.iter().zip(&replayed.estimates))
+        .map(|((now, truth), (reading, estimate))| {
+            spatial_estimate_row(now, truth, &knowledge.calibrated, *reading, estimate.as_ref())
         })
         .collect();
     match out {

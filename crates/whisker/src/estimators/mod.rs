@@ -42,6 +42,7 @@ mod unscented;
 pub use crate::settings::{Settings, SettingsError, parse, with_defaults, within};
 pub use base_noise::BaseNoise;
 pub use quantities::{FrictionCoefficient, Installation, Radius, Uncertain, Velocity};
+pub(crate) use shares::MOST_MODELS;
 pub use shares::ModelShares;
 
 use std::collections::VecDeque;

@@ -3,7 +3,7 @@
 use std::fmt;
 
 /// Maximum number of models that a method may average over.
-pub(super) const MOST_MODELS: usize = 8;
+pub(crate) const MOST_MODELS: usize = 8;
 
 /// Probabilities of competing models, which add up to 1, in descending order. Displayed as `sliding=0.970 ekf=0.030`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -31,7 +31,7 @@ use serde_json::Value;
 use super::frames::{Point, Pose};
 use super::sensor::CalibratedSpace;
 use crate::ReadingGate;
-pub use crate::estimators::Radius;
+pub use crate::estimators::{ModelShares, Radius};
 use crate::events::{ContactDetector, Sensing, TouchConfig};
 use crate::frames::Base;
 use crate::settings::{SettingsError, parse};
@@ -68,6 +68,8 @@ pub struct Estimate {
     pub calibrated: bool,
     /// Innovation of the last update. `None` at the touch.
     pub innovation: Option<Innovation<2>>,
+    /// Probabilities of the competing models of the method. `None` if it has one model only.
+    pub models: Option<ModelShares>,
     /// Whether the readings contradict the models of the method, so that its covariance may be too small. `None` if the method
     /// does not judge them, as a filter of one model.
     pub model_doubtful: Option<bool>,

@@ -18,10 +18,8 @@ use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use crate::candidates::{LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
+use crate::estimators::{MOST_MODELS, ModelShares};
 use crate::settings::{Settings, SettingsError, with_defaults, within};
-
-/// Largest number of candidates.
-const MOST: usize = 16;
 
 /// Probability that the next touch is one of the same object, which keeps the probabilities of the candidates; those of another
 /// object are the priors.
@@ -87,7 +85,7 @@ impl Config {
 impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
         let weighted = self.candidates.iter().map(|candidate| (candidate.name.as_str(), candidate.weight));
-        check(&weighted.collect::<Vec<_>>(), MOST)?;
+        check(&weighted.collect::<Vec<_>>(), MOST_MODELS)?;
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         self.doubt.validate()?;
@@ -98,7 +96,8 @@ impl Settings for Config {
 /// The average of several methods.
 pub(super) struct ModelAveraging {
     config: Arc<Config>,
-    methods: Vec<Box<dyn Method>>,
+    /// Names in the registry and methods of the candidates.
+    methods: Vec<(&'static str, Box<dyn Method>)>,
 }
 
 impl ModelAveraging {
@@ -111,7 +110,7 @@ impl ModelAveraging {
             if !matches!(row.kind, Kind::Fit(_)) {
                 return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
             }
-            row.kind.method(&with_defaults(&candidate.settings, row.defaults()))
+            Ok((row.name, row.kind.method(&with_defaults(&candidate.settings, row.defaults()))?))
         };
         let methods = config.candidates.iter().map(method).collect::<Result<_, _>>()?;
         Ok(Self { config: Arc::new(config), methods })
@@ -121,7 +120,8 @@ impl ModelAveraging {
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
         Box::new(Average {
-            trackers: self.methods.iter().map(|method| method.begin(knowledge)).collect(),
+            names: self.methods.iter().map(|(name, _)| *name).collect(),
+            trackers: self.methods.iter().map(|(_, method)| method.begin(knowledge)).collect(),
             prior: self.config.probabilities(),
             before: vec![0.0; self.methods.len()],
             is_free: false,
@@ -134,6 +134,7 @@ impl Method for ModelAveraging {
 /// The candidates on the contacts of a recording.
 struct Average {
     config: Arc<Config>,
+    names: Vec<&'static str>,
     trackers: Vec<Box<dyn Tracker>>,
     /// Probabilities of the candidates at the touch, and the logarithm of their evidence before it.
     prior: Vec<f64>,
@@ -202,6 +203,7 @@ impl Average {
             direction: direction(&parts),
             radius: radius.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
+            models: Some(ModelShares::new(self.names.iter().copied().zip(shares))),
             model_doubtful: Some(contradicted > 0.5 * known),
             ..*leading
         })

@@ -145,6 +145,7 @@ impl Side {
             radius: None,
             calibrated: self.calibrated.domain.contains(at),
             innovation,
+            models: None,
             model_doubtful: None,
         })
     }

@@ -229,6 +229,17 @@ impl CalibratedSpace {
         self.error.covariance_n2_m2(&self.domain, at)
     }
 
+    /// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the contact
+    /// is displaced; upwards where it is not.
+    pub fn normal(&self, at: Around) -> Vector3<f64> {
+        if let Some(geometry) = self.geometry() {
+            return geometry.at(self.domain.clamp(at)).normal;
+        }
+        let foot = Around::new(at.along_m, 0.0, 0.0).contact(&self.rest);
+        let displaced_m = at.contact(&self.rest).vector() - foot.vector();
+        displaced_m.try_normalize(0.0).unwrap_or_else(Vector3::z)
+    }
+
     /// Directions of surface normal and wire at the contacts. `None` if the nominal whisker has no equilibrium somewhere in the
     /// calibrated domain.
     pub fn geometry(&self) -> Option<&Geometry> {
