@@ -48,7 +48,7 @@ mod _native {
     #[pymodule_export]
     use crate::outline::Outline;
     #[pymodule_export]
-    use crate::registries::{detectors, estimators, front_ends, metrics, sensor_models};
+    use crate::registries::{detectors, estimators, front_ends, metrics, sensor_models, spatial_front_ends};
     #[pymodule_export]
     use crate::replay::Replay;
     #[pymodule_export]

@@ -5,7 +5,7 @@ use ::whisker::events::DETECTORS;
 use ::whisker::sensor::MODELS;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use testbed::front_end::FRONT_ENDS;
+use testbed::front_end::{FRONT_ENDS, SPATIAL_FRONT_ENDS};
 use testbed::metrics::METRICS;
 
 use crate::convert::from_json;
@@ -43,6 +43,16 @@ pub(crate) fn detectors(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 #[pyfunction]
 pub(crate) fn front_ends(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let rows = FRONT_ENDS
+        .iter()
+        .map(|row| json!({"name": row.name, "about": row.about, "noise": row.noise, "settings": (row.defaults)()}));
+    from_json(py, &rows.collect::<Vec<Value>>())
+}
+
+/// Registered front ends of traces in space: `name`, `about`, default `noise` as a fraction of the largest moment, and default
+/// `settings`.
+#[pyfunction]
+pub(crate) fn spatial_front_ends(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let rows = SPATIAL_FRONT_ENDS
         .iter()
         .map(|row| json!({"name": row.name, "about": row.about, "noise": row.noise, "settings": (row.defaults)()}));
     from_json(py, &rows.collect::<Vec<Value>>())

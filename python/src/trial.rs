@@ -165,7 +165,7 @@ impl Trial {
         let (sidecar, recording) = (&read.trace.sidecar, &read.trace.recording);
         let calibrated = calibration.get();
         check_calibration(&calibrated.path, &calibrated.file, sidecar).map_err(raised)?;
-        let front_end = selected(front_end, front_end_settings)?;
+        let front_end = FrontEnd::new(&front_end_of(front_end, front_end_settings)?).map_err(raised)?;
         front_end.check_trace(sidecar).map_err(raised)?;
         let folder = read.folder.as_deref();
         let mounting = folder.map_or_else(|| Ok(Mounting::alone(sidecar)), |folder| Mounting::of(folder, sidecar));
@@ -397,9 +397,9 @@ fn bound_table<'py>(
     structured(py, rows.len(), &columns)
 }
 
-/// Front end of this name and these settings.
-fn selected(name: Option<String>, settings: Option<&Bound<'_, PyAny>>) -> PyResult<FrontEnd> {
+/// Choice of the front end of this name and these settings.
+pub(crate) fn front_end_of(name: Option<String>, settings: Option<&Bound<'_, PyAny>>) -> PyResult<FrontEndConfig> {
     let config = settings.map_or_else(|| Ok(json!({})), |settings| to_json("front_end_settings", settings))?;
     let name = name.unwrap_or_else(|| FRONT_ENDS[0].name.into());
-    FrontEnd::new(&FrontEndConfig { name, config }).map_err(raised)
+    Ok(FrontEndConfig { name, config })
 }

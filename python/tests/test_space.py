@@ -258,7 +258,7 @@ class Answer:
 
 
 class Known:
-    """The true contacts of a trace whose base does not turn, with the properties of its pin."""
+    """The true contacts of a trace whose base turns by less than a microradian, with the properties of its pin."""
 
     def __init__(self, trace):
         truth, known = trace.truth, trace.recording
@@ -300,11 +300,13 @@ def test_verif_a_trial_and_its_table_equal_those_of_the_command_to_the_bit(tmp_p
 
 
 def test_verif_scores_equal_those_of_the_command_to_the_bit(tmp_path, command, calibration):
-    dataset = dataset_in_space(tmp_path, calibration)
+    folder = tmp_path / "data"
+    folder.mkdir()
+    dataset = dataset_in_space(folder, calibration)
     options = ["--estimators", "line,recommended", "--seeds", "2", "--results", tmp_path / "results", "--name", "run"]
-    subprocess.run([command, "evaluate", tmp_path, *options], check=True, capture_output=True)
+    subprocess.run([command, "evaluate", folder, *options], check=True, capture_output=True)
     results = wc.read_results(tmp_path / "results" / "run")
-    assert results.run["name"] == tmp_path.name
+    assert results.run["name"] == "data"
     assert {"space_trials", "space_summary", "space_times", "space_estimates/golden_space.line"} <= set(results)
     for name, table in results.items():
         assert table.dtype.names, name
@@ -322,14 +324,14 @@ def test_verif_scores_equal_those_of_the_command_to_the_bit(tmp_path, command, c
 def test_verif_the_true_contacts_have_no_error(trial):
     replay = trial.run(Known(trial.trace))
     scores = trial.score(replay)
-    assert np.nanmax(trial.errors_m(replay)) < 1e-12
-    assert scores["rmse_m"] < 1e-12
-    assert scores["nees"] < 1e-9
-    assert scores["answered"] == scores["coverage"] == scores["radius_coverage"] == 1.0
+    assert np.nanmax(trial.errors_m(replay)) < 1e-7
+    assert scores["rmse_m"] < 1e-7
+    assert scores["nees"] < 1e-4
+    assert scores["answered"] == scores["coverage"] == 1.0
     assert scores["normal_rad"] < 1e-6
     assert scores["direction_rad"] < 1e-6
     assert scores["doubted"] == 0.0
-    assert abs(scores["radius_error"]) < 1e-12
+    assert np.isnan(scores["radius_error"])
     assert np.isnan(scores["corner_m"])
 
 
@@ -460,7 +462,7 @@ def test_verif_a_folder_with_planar_traces_and_traces_in_space_gives_both(tmp_pa
     assert isinstance(dataset.calibration("curved"), wc.SpatialCalibration)
     with pytest.raises(ValueError, match="golden_space: found a trace in space, expected a planar trace, as golden_pin is"):
         wc.evaluate(traces, calibration, ["line"])
-    with pytest.raises(ValueError, match="calibrations: straight: found SpatialCalibration, expected Calibration"):
+    with pytest.raises(TypeError, match="calibrations: straight: found SpatialCalibration, expected Calibration"):
         wc.evaluate(traces[:1], calibration, ["ekf"])
     with pytest.raises(ValueError, match="found no traces with the role `calibration`"):
         dataset.traces("calibration")
@@ -473,3 +475,66 @@ def test_verif_the_sweep_of_a_trial_in_space_is_drawn(trial):
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["line", "line, stated", "Cramér–Rao bound", "Cramér–Rao bound, unknown object"]
     axes.figure.canvas.draw()
+
+
+def calibration_trace(folder: Path, rod: wc.Rod, lines: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """A calibration trace of a base at rest whose contacts are those of the lines, with pauses between them."""
+    with (GOLDEN / "space" / "golden_space.csv").open(newline="") as file:
+        golden = list(csv.DictReader(file))
+    free = next(row for row in golden if not row["truth_contact_x_m"])
+    touching = next(row for row in golden if row["truth_contact_x_m"])
+    rows = [free] * 5
+    for points, _ in lines:
+        contacts = rod.deflect(points, strict=True)
+        for point, moment, force, arc_m, tangent in zip(
+            points, contacts.moment_n_m, contacts.force_n, contacts.arc_m, contacts.tangent, strict=True
+        ):
+            row = touching | {"truth_arc_m": f"{arc_m:.9f}"}
+            parts = {"contact_{}_m": point, "surface_{}_m": point, "force_{}_n": force, "tangent_{}": tangent}
+            parts["normal_{}"] = force / np.linalg.norm(force)
+            for name, vector in parts.items():
+                row |= {f"truth_{name.format(axis)}": f"{number:.12f}" for axis, number in zip("xyz", vector, strict=True)}
+            row |= {f"moment_{axis}_n_m": f"{number:.15f}" for axis, number in zip("xyz", moment, strict=True)}
+            rows.append(row)
+        rows += [free] * 3
+    still = {name: "0.0" for name in free if name.startswith("base_")} | {"base_qw": "1.0"}
+    unknown = {name: "" for name in free if name.startswith("rotation_")}
+    sidecar = json.loads((GOLDEN / "space" / "golden_space.json").read_text())
+    for place, row in enumerate(rows):
+        rows[place] = row | still | unknown | {"t_s": f"{place / sidecar['rate_hz']:.9f}"}
+    path = folder / "lines.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    sidecar |= {"name": "lines", "role": "calibration", "rows": len(rows), "certificate": None}
+    sidecar |= {"csv_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    path.with_suffix(".json").write_text(json.dumps(sidecar))
+
+
+def test_verif_a_trial_through_a_hall_sensor_equals_the_command_to_the_bit(tmp_path, command, rod, lines, calibration, trace):
+    calibration_trace(tmp_path, rod, lines)
+    subprocess.run([command, "fit", tmp_path, "--front-end", "hall"], check=True, capture_output=True)
+    through_hall = wc.load_spatial_calibration(tmp_path / "calibrations" / "hall" / "curved.json")
+    out = tmp_path / "space_estimates" / "golden_space.line.csv"
+    out.parent.mkdir()
+    options = ["--front-end", "hall", "--calibration", tmp_path / "calibrations" / "hall" / "curved.json", "--seed", "3"]
+    options += ["--estimator", "line", "--out", out]
+    subprocess.run([command, "replay", GOLDEN / "space" / "golden_space.csv", *options], check=True)
+    trial = wc.SpatialTrial(trace, through_hall, seed=3, front_end="hall")
+    expected, replay = wc.read_table(out), trial.replay("line")
+    # `line` does not judge its model, and a column without values has no type.
+    assert (replay.table["model_doubtful"] == -1).all()
+    for name in set(expected.dtype.names) - {"model_doubtful"}:
+        assert np.array_equal(replay.table[name], expected[name], equal_nan=True), name
+    assert 0.0 < trial.noise_sd_n_m < 0.01 * through_hall.largest_reading_n_m
+    assert trial.score(replay)["rmse_m"] < 3e-3
+    assert [row["name"] for row in wc.spatial_front_ends()] == ["white", "hall"]
+    with pytest.raises(ValueError, match="front_end: found none, expected `hall`"):
+        wc.SpatialTrial(trace, calibration, front_end="hall")
+    with pytest.raises(ValueError, match=r"front_end\.name: found `hall`, expected `white`"):
+        wc.SpatialTrial(trace, through_hall)
+    with pytest.raises(ValueError, match="unknown front end `optical` of traces in space, expected one of: white, hall"):
+        wc.SpatialTrial(trace, calibration, front_end="optical")
+    with pytest.raises(ValueError, match=r"front_end\.config\.gap_m: found .*, expected 0\.003"):
+        wc.SpatialTrial(trace, through_hall, front_end="hall", front_end_settings={"gap_m": 3e-3})

@@ -15,7 +15,7 @@ the known motion of the root, an estimator computes the point of contact.
 | recordings and sensor models in space | `SpatialTrace`, `load_spatial_calibration`, `fit_spatial_calibration`, \
 `SpatialCalibration`, `SpatialPrediction` |
 | estimation in space | `SpatialEstimator`, `SpatialEstimate`, `SpatialReplay`, `spatial_estimators` |
-| evaluation in space | `SpatialTrial`, `evaluate`, `spatial_cramer_rao_bound` |
+| evaluation in space | `SpatialTrial`, `evaluate`, `spatial_cramer_rao_bound`, `spatial_front_ends` |
 | results | `read_table`, `read_results`, `Results`, `frame` |
 | figures | `plot_sweep`, `plot_outline` |
 
@@ -70,6 +70,7 @@ from ._native import (
     simulate,
     spatial_cramer_rao_bound,
     spatial_estimators,
+    spatial_front_ends,
 )
 from .evaluation import SpatialStepper, Stepper, evaluate
 from .figures import plot_outline, plot_sweep
@@ -126,4 +127,5 @@ __all__ = [
     "simulate",
     "spatial_cramer_rao_bound",
     "spatial_estimators",
+    "spatial_front_ends",
 ]

@@ -52,6 +52,7 @@ __all__ = [
     "simulate",
     "spatial_cramer_rao_bound",
     "spatial_estimators",
+    "spatial_front_ends",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -534,6 +535,7 @@ def fit_spatial_calibration(
     noise_sd_n_m: float = 0.0,
 ) -> SpatialCalibration: ...
 def spatial_estimators() -> list[dict[str, Any]]: ...
+def spatial_front_ends() -> list[dict[str, Any]]: ...
 
 @final
 class SpatialEstimator:
@@ -642,6 +644,8 @@ class SpatialTrial:
         seed: int = 1,
         *,
         noise_sd_n_m: float | None = None,
+        front_end: str | None = None,
+        front_end_settings: _Settings | None = None,
     ) -> SpatialTrial: ...
     @property
     def trace(self) -> SpatialTrace: ...

@@ -50,11 +50,11 @@ def evaluate(
     """Scores of estimators on every trace, with the noise, the seeds and the metrics of `whisker evaluate`.
 
     `traces` are planar ones or ones in space, not both. `calibrations` is one calibration, or one for each whisker by its name.
-    `estimators` are names of registered estimators, or a dictionary from the name of a row to a registered name or to a function that
-    makes an estimator from a `Trial`, in space from a `SpatialTrial`; what it makes has a method `step` (see `Trial.run`) and must
-    not use `Trial.trace`, which holds the truth. `noise` is a fraction of the largest reading of all traces with the same group and
-    whisker, by default 0.01, and 0 for recordings of real sensors. `seeds` are a number of seeds from 1 on, or the seeds themselves.
-    Registered estimators run in parallel on `threads` threads, with the same result.
+    `estimators` are names of registered estimators, or a dictionary from the name of a row to a registered name or to a function
+    that makes an estimator from a `Trial`, in space from a `SpatialTrial`; what it makes has a method `step` (see `Trial.run`) and
+    must not use `Trial.trace`, which holds the truth. `noise` is a fraction of the largest reading of all traces with the same
+    group and whisker, by default 0.01, and 0 for recordings of real sensors. `seeds` are a number of seeds from 1 on, or the seeds
+    themselves. Registered estimators run in parallel on `threads` threads, with the same result.
 
     Returns a structured array with a row for each trace, seed and estimator: `trace`, `group`, `whisker`, `seed`, `estimator`,
     then the scores, those of `Trial.score` or `SpatialTrial.score`.
@@ -102,7 +102,7 @@ def _check_kinds(traces: list[_AnyTrace], calibrations: _Calibrations) -> None:
         calibration = _calibration(calibrations, whisker)
         if not isinstance(calibration, expected_class):
             found, name = type(calibration).__name__, expected_class.__name__
-            raise ValueError(f"calibrations: {whisker}: found {found}, expected {name}, as for {kinds[in_space]}")
+            raise TypeError(f"calibrations: {whisker}: found {found}, expected {name}, as for {kinds[in_space]}")
 
 
 def _largest_readings(traces: list[_AnyTrace], calibrations: _Calibrations) -> dict[tuple[str, str], float]:

@@ -44,8 +44,10 @@ def _column(cells: list[str]) -> NDArray[Any]:
 
 
 class Results(Mapping[str, NDArray[np.void]]):
-    """Tables of a run by the path in its folder without `.csv`, read at each access: `results["trials"]`, in space
-    `results["space_trials"]`."""
+    """Tables of a run, read at each access.
+
+    A table is named by its path in the folder without `.csv`: `results["trials"]`, in space `results["space_trials"]`.
+    """
 
     def __init__(self, folder: str | PathLike[str]) -> None:
         self.folder = Path(folder)

@@ -10,11 +10,12 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use testbed::dataset::Dataset;
 use testbed::fit::Models;
+use testbed::front_end::{BendingAxes, FrontEndConfig};
 use testbed::participant::Program;
 use testbed::space::evaluate::{SpatialEvaluateSettings, evaluate};
-use testbed::space::fit::{SpatialFitSettings, fit};
+use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use testbed::space::replay::read_calibration;
-use testbed::space::{SpatialRun, SpatialWritten, evaluate_into};
+use testbed::space::{SpatialEstimateRow, SpatialRun, SpatialWritten, evaluate_into};
 use trace::{
     CalibrationFile, Feature, Role, SpatialCalibrationFile, SpatialContactTruth, SpatialInstant, SpatialPose,
     SpatialRecording, SpatialTrace, SpatialTruth, SpatialTruthInstant,
@@ -82,7 +83,7 @@ fn lines(directions: u32) -> Vec<Option<Around>> {
 
 fn fit_settings() -> SpatialFitSettings {
     let models = Models::One { kind: "polynomial".into(), config: json!({"degree": 4}) };
-    SpatialFitSettings { models, noise: 0.01, seed: 1 }
+    SpatialFitSettings { models, noise: 0.01, seed: 1, front_end: FrontEndConfig::default() }
 }
 
 /// A folder with a calibration trace and a trial.
@@ -101,9 +102,20 @@ fn settings(estimators: &[&str], seeds: &[u64]) -> SpatialEvaluateSettings {
         config: Default::default(),
         noise: 0.01,
         seeds: seeds.into(),
+        front_end: FrontEndConfig::default(),
         calibrations: None,
         programs: Vec::new(),
     }
+}
+
+fn hall(config: Value) -> FrontEndConfig {
+    FrontEndConfig { name: "hall".into(), config }
+}
+
+/// Fits the calibration trace of a dataset through the front end `hall` with these settings.
+fn fit_hall(dataset: &Dataset, config: Value) -> SpatialFitted {
+    let settings = SpatialFitSettings { noise: 0.0, front_end: hall(config), ..fit_settings() };
+    fit(dataset, &settings, &dataset.calibrations("hall"), &ProgressBar::hidden()).unwrap().remove(0)
 }
 
 fn calibrations(folder: &Path) -> PathBuf {
@@ -169,6 +181,98 @@ fn verif_no_estimate_is_expected_at_the_tip_or_outside_of_the_calibrated_domain(
 }
 
 #[test]
+fn verif_a_trial_in_space_is_read_by_a_hall_sensor_that_the_fit_calibrates() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let fitted = fit_hall(&dataset, json!({}));
+    assert!(fitted.is_new && fitted.path == folder.path().join("calibrations/hall/curved.json"));
+    assert_eq!(SpatialCalibrationFile::read(&fitted.path).unwrap(), fitted.calibration);
+    let front_end = fitted.calibration.front_end.as_ref().unwrap();
+    let sensor = front_end.sensor("curved").unwrap();
+    assert!(!fit_hall(&dataset, json!({})).is_new);
+    assert!(fit_hall(&dataset, json!({"gap_m": 3e-3})).is_new);
+    assert!(fit_hall(&dataset, json!({})).is_new);
+
+    let results = folder.path().join("results");
+    let settings = SpatialEvaluateSettings { noise: 0.0, front_end: hall(json!({})), ..settings(&["point"], &[1, 2]) };
+    let run = |settings: &SpatialEvaluateSettings| {
+        evaluate_into(&results, &dataset, settings, false, &ProgressBar::hidden()).unwrap().is_new
+    };
+    assert!(run(&settings) && !run(&settings));
+    assert_eq!(SpatialRun::read(&results).unwrap().unwrap().front_end.as_ref(), Some(front_end));
+    let trials = SpatialRun::trials(&results).unwrap();
+    let [y_n_m, z_n_m] = sensor.noise_sd_n_m;
+    let stated = trials
+        .iter()
+        .all(|trial| (trial.noise_sd_n_m.powi(2) * 2.0 / (y_n_m.powi(2) + z_n_m.powi(2)) - 1.0).abs() < 1e-9);
+    assert!(stated && trials[0].rmse_m.is_some() && trials[0].rmse_m != trials[1].rmse_m, "{trials:?}");
+
+    // The readings are the moments about the axes of the springs, up to noise and offset.
+    let rod = golden().sidecar.rod().unwrap();
+    let contact =
+        rod.at_point(Around::new(0.045, 2e-3, 1.2e-3).contact(&golden().sidecar.whisker.rest_shape()).vector());
+    let mut moment_n_m = contact.unwrap().deflection.moment_n_m;
+    // The trace states no torsion.
+    moment_n_m.x = 0.0;
+    let expected = BendingAxes::Springs.bending_n_m(moment_n_m, &golden().sidecar.suspension);
+    let rows = SpatialRun::estimates(&results, "press", "point").unwrap();
+    let pressed: Vec<_> = rows.iter().filter(|row| row.truth_contact_x_m.is_some()).collect();
+    let mean =
+        |of: fn(&SpatialEstimateRow) -> f64| pressed.iter().map(|row| of(row)).sum::<f64>() / pressed.len() as f64;
+    let found = [mean(|row| row.moment_y_n_m), mean(|row| row.moment_z_n_m)];
+    for axis in 0..2 {
+        let (error, sd) = (found[axis] - expected[axis], sensor.offset_sd_n_m[axis].hypot(sensor.noise_sd_n_m[axis]));
+        assert!(error.abs() < 5.0 * sd, "axis {axis}: {error} beyond {sd}");
+    }
+}
+
+#[test]
+fn robust_a_calibration_in_space_through_another_front_end_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let white = folder.path().join("calibrations");
+    fit(&dataset, &fit_settings(), &white, &ProgressBar::hidden()).unwrap();
+    fit_hall(&dataset, json!({"earth_t": 4e-5}));
+    let refused = |calibrations: &Path, front_end: FrontEndConfig, words: &[&str]| {
+        let calibrations = Some(calibrations.to_path_buf());
+        let settings = SpatialEvaluateSettings { calibrations, front_end, ..settings(&["point"], &[1]) };
+        for error in [
+            evaluate(&dataset, &settings, &ProgressBar::hidden()).unwrap_err(),
+            evaluate_into(&folder.path().join("results"), &dataset, &settings, false, &ProgressBar::hidden())
+                .unwrap_err(),
+        ] {
+            let text = format!("{error:#}");
+            assert!(words.iter().all(|word| text.contains(word)), "{text}");
+        }
+    };
+    refused(&white, hall(json!({})), &["curved.json: front_end: found none, expected `hall`", "--front-end hall"]);
+    let through_hall = white.join("hall");
+    let default = FrontEndConfig::default();
+    refused(&through_hall, default, &["hall/curved.json: front_end.name: found `hall`, expected `white`"]);
+    refused(&through_hall, hall(json!({})), &["front_end.config.earth_t: found 0.00004, expected 0.000048"]);
+    refused(&through_hall, hall(json!({"gap_m": -1.0})), &["front end `hall` of traces in space", "`gap_m`"]);
+
+    let path = through_hall.join("curved.json");
+    let text = fs::read_to_string(&path).unwrap();
+    let mut file: Value = serde_json::from_str(&text).unwrap();
+    file["front_end"]["sensors"][0]["noise_sd_n_m"][1] = json!(-1.0);
+    fs::write(&path, file.to_string()).unwrap();
+    refused(
+        &through_hall,
+        hall(json!({"earth_t": 4e-5})),
+        &["front_end.sensors.curved.noise_sd_n_m: found -1, expected"],
+    );
+    file["front_end"]["sensors"][0]["noise_sd_n_m"][1] = json!(1e-8);
+    file["front_end"]["sensors"][0]["characteristic"]["coefficients"][0] = json!([1.0]);
+    fs::write(&path, file.to_string()).unwrap();
+    refused(
+        &through_hall,
+        hall(json!({"earth_t": 4e-5})),
+        &["front_end.sensors.curved.characteristic", "20 finite coefficients"],
+    );
+}
+
+#[test]
 fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not_replace_it() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
@@ -176,6 +280,7 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
     let results = folder.path().join("results");
     let run = |noise: f64, names: &[&str], force: bool| {
         let settings = SpatialEvaluateSettings {
+            front_end: FrontEndConfig::default(),
             estimators: Some(names.iter().map(|&name| name.into()).collect()),
             config: Default::default(),
             noise,
@@ -264,6 +369,7 @@ fn of_script(folder: &Path, script: &str, noise: f64) -> anyhow::Result<SpatialW
     let path = folder.join("mine.sh");
     fs::write(&path, script).unwrap();
     let settings = SpatialEvaluateSettings {
+        front_end: FrontEndConfig::default(),
         estimators: Some(Vec::new()),
         config: Default::default(),
         noise,
@@ -366,6 +472,7 @@ fn robust_a_program_in_space_has_a_name_of_its_own_and_starts() {
     let run = |commands: &[&str]| {
         let program = |text: &&str| Program::new(text, Duration::from_secs(60)).unwrap();
         let settings = SpatialEvaluateSettings {
+            front_end: FrontEndConfig::default(),
             estimators: Some(vec!["line".into()]),
             config: Default::default(),
             noise: 0.01,

@@ -272,7 +272,9 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     let out = folder.path().to_str().unwrap();
     let space = "datasets/golden/space";
     fails(&["fit", space, "--out", out], &["found no traces with the role `calibration`"]);
-    fails(&["fit", space, "--out", out, "--sensors", "left/left_1"], &["--sensors", "`white`"]);
+    fails(&["fit", space, "--out", out, "--sensors", "left/left_1"], &["--sensors: does not apply to traces in space"]);
+    let unknown = ["unknown front end `optical` of traces in space", "expected one of: white, hall"];
+    fails(&["fit", space, "--out", out, "--front-end", "optical"], &unknown);
     let evaluate = |options: &[&str], words: &[&str]| {
         let arguments = [&["evaluate", space, "--results", out], options].concat();
         fails(&arguments, words);
@@ -291,11 +293,16 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
         evaluate(&["--config", settings.to_str().unwrap()], &words);
     }
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
+    evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
+    evaluate(&["--front-end", "optical"], &unknown);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";
         fails(&[&["replay", trace], options].concat(), words);
     };
     replay(&["--estimator", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
-    replay(&["--estimator", "line", "--front-end", "hall"], &["--front-end: does not apply to traces in space"]);
+    replay(&["--front-end", "optical"], &unknown);
+    replay(&["--estimator", "line", "--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
+    let settings = ["front end `hall` of traces in space", "`gap_m`", "found 0"];
+    replay(&["--front-end", "hall", "--front-end-config", r#"{"gap_m": 0}"#], &settings);
     replay(&["--estimator", "line"], &["calibrations/curved.json", "No such file"]);
 }

@@ -17,9 +17,9 @@ const UNIT: f64 = 1e-3;
 /// Largest difference of two entries of a covariance that are equal but for rounding, relative to the largest variance.
 const SYMMETRIC: f64 = 1e-9;
 
-/// Estimate that an estimator written in Python returned: `None`, a `SpatialEstimate`, or an object with the attributes `contact` (3)
-/// and `covariance_m2` (3, 3) and, optionally, `normal` (3), `direction` (3) with `direction_sd_rad`, `radius_m` with `radius_sd_m`,
-/// and `model_doubtful`.
+/// Estimate that an estimator written in Python returned: `None`, a `SpatialEstimate`, or an object with the attributes `contact`
+/// (3) and `covariance_m2` (3, 3) and, optionally, `normal` (3), `direction` (3) with `direction_sd_rad`, `radius_m` with
+/// `radius_sd_m`, and `model_doubtful`.
 pub(super) fn returned(object: &Bound<'_, PyAny>, knowledge: &Knowledge) -> PyResult<Option<Estimate>> {
     if object.is_none() {
         return Ok(None);

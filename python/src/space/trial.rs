@@ -12,11 +12,11 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::{Value, json};
-use testbed::front_end::FRONT_ENDS;
+use testbed::front_end::SpatialFrontEnd;
 use testbed::space::bound::SpatialBoundAt;
-use testbed::space::replay::{check_calibration, registered, samples};
+use testbed::space::replay::{check_calibration, knowledge, registered, samples};
 use testbed::space::trial::SpatialTrial as Reference;
-use testbed::space::{largest_reading_n_m, noisy_readings_n_m, to_base};
+use testbed::space::{largest_reading_n_m, to_base};
 
 use super::calibration::SpatialCalibration;
 use super::estimator::{replayed, start};
@@ -26,13 +26,16 @@ use super::trace::SpatialTrace;
 use crate::arrays::{column, flags, structured, vectors};
 use crate::convert::{check_not_negative, settings_over};
 use crate::error::{of_argument, raised, refused};
+use crate::trial::front_end_of;
 
-/// A trace in space with measurement noise, as `whisker replay` and `whisker evaluate` give it to an estimator, and with the truth that
-/// estimates are scored against.
+/// A trace in space with measurement noise, as `whisker replay` and `whisker evaluate` give it to an estimator, and with the truth
+/// that estimates are scored against.
 ///
 /// `noise` is the standard deviation of the noise of each bending moment, as a fraction of the trace's largest bending moment, by
-/// default 0.01; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise. The calibration must be one of the trace's
-/// whisker. `ValueError` names a wrong argument.
+/// default 0.01, and 0 for a front end with its own noise; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and
+/// of the front end. `front_end` is the sensor between moment and reading, see `spatial_front_ends()`, with the settings
+/// `front_end_settings`. The calibration must be one of the trace's whisker through the same front end. `ValueError` names a wrong
+/// argument.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialTrial {
     trace: Py<SpatialTrace>,
@@ -47,9 +50,7 @@ pub(crate) struct SpatialTrial {
 
 impl SpatialTrial {
     fn reference(&self) -> &Reference {
-        let Knowledge { calibrated, noise_sd_n_m, .. } = &*self.knowledge;
-        let compute = || Reference::new(self.trace.get().trace.clone(), calibrated.clone(), *noise_sd_n_m);
-        self.reference.get_or_init(compute)
+        self.reference.get_or_init(|| Reference::new(self.trace.get().trace.clone(), self.knowledge.clone()))
     }
 
     /// Checks that a replay is one of this trial: that it has the times, poses and readings of its rows.
@@ -106,13 +107,17 @@ fn motion(sample: &Sample) -> [f64; 7] {
 #[pymethods]
 impl SpatialTrial {
     #[new]
-    #[pyo3(signature = (trace, calibration, noise=None, seed=1, *, noise_sd_n_m=None))]
+    #[pyo3(signature = (trace, calibration, noise=None, seed=1, *, noise_sd_n_m=None, front_end=None, front_end_settings=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of a Python class")]
     fn new(
+        py: Python<'_>,
         trace: Py<SpatialTrace>,
         calibration: Py<SpatialCalibration>,
         noise: Option<f64>,
         seed: u64,
         noise_sd_n_m: Option<f64>,
+        front_end: Option<String>,
+        front_end_settings: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         for (what, number) in [("noise", noise), ("noise_sd_n_m", noise_sd_n_m)] {
             number.map_or(Ok(()), |number| check_not_negative(what, number))?;
@@ -122,11 +127,13 @@ impl SpatialTrial {
         }
         let (read, of_whisker) = (&trace.get().trace, calibration.get());
         check_calibration(&of_whisker.path, &of_whisker.file, &read.sidecar).map_err(raised)?;
-        let fraction = noise.unwrap_or(FRONT_ENDS[0].noise);
-        let noise_sd_n_m = noise_sd_n_m.unwrap_or_else(|| fraction * largest_reading_n_m([&**read]));
-        let calibrated = of_whisker.calibrated.clone();
-        let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: read.sidecar.rate_hz });
-        let readings_n_m = noisy_readings_n_m(read, noise_sd_n_m, seed);
+        let front_end = SpatialFrontEnd::new(&front_end_of(front_end, front_end_settings)?).map_err(raised)?;
+        let sensor = front_end.sensor(&of_whisker.path, &of_whisker.file).map_err(raised)?;
+        let fraction = noise.unwrap_or(front_end.row.noise);
+        let added_sd_n_m = noise_sd_n_m.unwrap_or_else(|| fraction * largest_reading_n_m([&**read]));
+        let knowledge = knowledge(&of_whisker.calibrated, added_sd_n_m, sensor, read.sidecar.rate_hz);
+        let read_trace = || front_end.bending_n_m(read, added_sd_n_m, seed, sensor);
+        let readings_n_m = py.detach(read_trace).map_err(raised)?;
         let samples = samples(read, &readings_n_m);
         Ok(Self { trace, calibration, seed, knowledge, readings_n_m, samples, reference: OnceLock::new() })
     }
@@ -155,20 +162,20 @@ impl SpatialTrial {
         self.knowledge.rate_hz
     }
 
-    /// Standard deviation of the measurement noise of each bending moment (N m).
+    /// Standard deviation of all measurement noise of each bending moment (N m).
     #[getter]
     fn noise_sd_n_m(&self) -> f64 {
         self.knowledge.noise_sd_n_m
     }
 
-    /// Bending moments (n, 2) about y and z of Base with measurement noise, in N m.
+    /// Bending moments (n, 2) about y and z with measurement noise, in N m. Their axes are those of Base, or of the front end.
     #[getter]
     fn readings_n_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         vectors(py, self.readings_n_m.iter().map(|reading_n_m| Some(*reading_n_m)))
     }
 
-    /// Motions of the base since the last sample (n, 7): x, y, z (m) and unit quaternion w, x, y, z of its earlier frame in its later
-    /// one.
+    /// Motions of the base since the last sample (n, 7): x, y, z (m) and unit quaternion w, x, y, z of its earlier frame in its
+    /// later one.
     #[getter]
     fn motions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         let numbers = self.samples.iter().flat_map(motion).collect();
@@ -193,8 +200,8 @@ impl SpatialTrial {
         flags(py, detected)
     }
 
-    /// Instants at which `score` expects an estimate once its time has begun (n): the true contact lies in the calibrated domain, not
-    /// at the tip and not at several places.
+    /// Instants at which `score` expects an estimate once its time has begun (n): the true contact lies in the calibrated domain,
+    /// not at the tip and not at several places.
     #[getter]
     fn expected<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         let expected = py.detach(|| self.reference().expected().to_vec());
@@ -216,8 +223,8 @@ impl SpatialTrial {
     /// `covariance_m2` (3, 3) in Base.
     ///
     /// Optional attributes are `normal` (3), by default that of the whisker's mechanics at the contact; `direction` (3) with
-    /// `direction_sd_rad`; `radius_m` with `radius_sd_m`; and `model_doubtful`. `ValueError` names the row and the attribute of a wrong
-    /// answer; an exception of the estimator is raised unchanged.
+    /// `direction_sd_rad`; `radius_m` with `radius_sd_m`; and `model_doubtful`. `ValueError` names the row and the attribute of a
+    /// wrong answer; an exception of the estimator is raised unchanged.
     fn run(&self, py: Python<'_>, estimator: &Bound<'_, PyAny>) -> PyResult<SpatialReplay> {
         let step = estimator.getattr("step")?;
         let mut estimates = Vec::with_capacity(self.samples.len());
@@ -280,10 +287,10 @@ impl SpatialTrial {
 /// Posterior Cramér–Rao bound along a trace in space: lower bounds of the root mean square errors of any estimator with the same
 /// readings.
 ///
-/// `noise_sd_n_m` is the standard deviation of the measurement noise of each bending moment (N m). Returns a structured array (n), NaN
-/// while the whisker is free: `t_s`; `since_touch_s`; `bound_m`, that of the contact if its sliding is known; and the bounds with an
-/// unknown object, NaN if it is no rod, cylinder, edge or sphere: `object_bound_m` of the contact, `direction_bound_rad` of the
-/// direction of a rod or edge (both angles together) and `radius_bound_m` of the radius.
+/// `noise_sd_n_m` is the standard deviation of the measurement noise of each bending moment (N m). Returns a structured array (n),
+/// NaN while the whisker is free: `t_s`; `since_touch_s`; `bound_m`, that of the contact if its sliding is known; and the bounds
+/// with an unknown object, NaN if it is no rod, cylinder, edge or sphere: `object_bound_m` of the contact, `direction_bound_rad` of
+/// the direction of a rod or edge (both angles together) and `radius_bound_m` of the radius.
 #[pyfunction]
 pub(crate) fn spatial_cramer_rao_bound<'py>(
     py: Python<'py>,
@@ -295,7 +302,8 @@ pub(crate) fn spatial_cramer_rao_bound<'py>(
         return Err(refused("noise_sd_n_m", noise_sd_n_m, "a positive number: without noise the bound is 0"));
     }
     check_calibration(&calibration.path, &calibration.file, &trace.trace.sidecar).map_err(raised)?;
-    let compute = || Reference::new(trace.trace.clone(), calibration.calibrated.clone(), noise_sd_n_m);
+    let knowledge = knowledge(&calibration.calibrated, noise_sd_n_m, None, trace.trace.sidecar.rate_hz);
+    let compute = || Reference::new(trace.trace.clone(), knowledge);
     let reference = py.detach(compute);
     bound_table(py, &reference)
 }

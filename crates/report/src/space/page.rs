@@ -173,7 +173,9 @@ pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
             (counted(data.run.trials.len(), "trial")) ", "
             (counted(data.estimators().len(), "estimator")) ", "
             (counted(data.run.seeds.len(), "noise seed")) ", measurement noise of each bending moment "
-            (100.0 * data.run.noise) " % of the largest moment of the group. Errors are distances from the true contact, without "
+            (100.0 * data.run.noise) " % of the largest moment of the group"
+            @if let Some(front_end) = &data.run.front_end { ", in addition to that of the front end " (front_end.name) }
+            ". Errors are distances from the true contact, without "
             "alignment, from one second after the touch."
         }
     };
@@ -251,6 +253,10 @@ fn provenance(data: &Data, left_out: &[&str]) -> Markup {
                 dt { "inputs, SHA-256" } dd { code { (mark.inputs_sha256) } }
                 dt { "measurement noise" } dd { (100.0 * run.noise) " % of the largest moment of each group" }
                 dt { "seeds of the noise" } dd { (seeds.join(", ")) }
+                @if let Some(front_end) = &run.front_end {
+                    dt { "front end" }
+                    dd { (front_end.name) pre { (format!("{:#}", front_end.config)) } }
+                }
                 (left_out_entry(left_out))
             }
             details {

@@ -68,6 +68,7 @@ fn write_run(folder: &Path) {
         name: "space".into(),
         noise: 0.01,
         seeds: vec![1],
+        front_end: None,
         estimators: ESTIMATORS.iter().map(|name| ((*name).to_owned(), json!({}))).collect(),
         trials: vec![SpatialRunTrial { trace: "edge".into(), group: "<edge>".into(), whisker, solid }],
     };

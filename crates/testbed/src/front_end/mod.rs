@@ -22,8 +22,8 @@ pub use chain::{Chain, Reader, SensorInput};
 pub use hall::{Config as HallConfig, shift_counts};
 pub use mounting::{BoardSlot, Mounting};
 pub use spatial::{
-    BendingAxes, SPATIAL_FRONT_ENDS, SpatialChain, SpatialCharacteristic, SpatialFrontEnd, SpatialFrontEndRow,
-    SpatialInput, SpatialNoise, SpatialReading, SpatialSensor,
+    BendingAxes, SPATIAL_FRONT_ENDS, SpatialChain, SpatialFrontEnd, SpatialFrontEndRow, SpatialInput, SpatialNoise,
+    SpatialReading,
 };
 pub use whole::Reading;
 

@@ -9,19 +9,19 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
-use trace::{Role, SpatialCalibrationFile, SpatialSidecar, SpatialTrace};
+use trace::{Role, SpatialCalibrationFile, SpatialSensor, SpatialSidecar, SpatialTrace};
 use whisker::space::sensor::CalibratedSpace;
 
 use super::files::ESTIMATES;
 use super::participant::{Participant, participants};
-use super::replay::{calibrated, read_calibration, samples};
+use super::replay::{calibrated, knowledge, read_calibration, samples};
 pub use super::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use super::trial::SpatialTrial;
 use super::{largest_reading_n_m, spatial_estimate_row};
 use crate::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
 use crate::dataset::Dataset;
 use crate::fitted_traces::check_fitted_to_all;
-use crate::front_end::FRONT_ENDS;
+use crate::front_end::{FrontEndConfig, SpatialFrontEnd};
 use crate::participant::{Program, SpatialTask};
 use crate::results::{FailureRow, write_rows};
 use crate::statistics;
@@ -36,10 +36,12 @@ pub struct SpatialEvaluateSettings {
     pub estimators: Option<Vec<String>>,
     /// Settings of estimators by name, over their defaults.
     pub config: BTreeMap<String, Value>,
-    /// Measurement noise of both moments, as a fraction of the largest moment of each group of trials with one whisker.
+    /// White noise added to the moments, as a fraction of the largest moment of each group of trials with one whisker.
     pub noise: f64,
-    /// Seeds of the noise; each is one replay of every trial.
+    /// Seeds of the noise and of the front end; each is one replay of every trial.
     pub seeds: Vec<u64>,
+    /// Front end through which the trials are read.
+    pub front_end: FrontEndConfig,
     /// Folder of the calibrations. `None` for that beside the traces.
     pub calibrations: Option<PathBuf>,
     /// External programs that participate.
@@ -56,7 +58,7 @@ impl SpatialEvaluateSettings {
     /// # Errors
     /// As [`read_calibration`] and [`check_fitted_to_all`], and if a sidecar cannot be read.
     pub(super) fn calibrations(&self, dataset: &Dataset) -> anyhow::Result<Calibrations> {
-        let default = || dataset.calibrations(FRONT_ENDS[0].name);
+        let default = || dataset.calibrations(&self.front_end.name);
         let folder = self.calibrations.clone().unwrap_or_else(default);
         let mut found = Calibrations::new();
         for path in &dataset.paths {
@@ -86,6 +88,15 @@ pub struct SpatialEvaluated {
     pub times: Vec<SpatialTimesRow>,
     /// Trials on which an external program failed.
     pub failures: Vec<FailureRow>,
+}
+
+/// A trial and how its readings are made.
+struct Prepared<'a> {
+    trial: SpatialTrial,
+    /// Standard deviation of the white noise added to each moment.
+    added_sd_n_m: f64,
+    /// Calibration of the front end's sensor, if it has one.
+    sensor: Option<&'a SpatialSensor>,
 }
 
 /// Result of one replay.
@@ -119,16 +130,18 @@ pub(super) fn evaluate_keeping(
     progress: &ProgressBar,
 ) -> anyhow::Result<SpatialEvaluated> {
     let participants = participants(settings)?;
-    let prepared = prepared(dataset, settings, calibrations)?;
+    let front_end = SpatialFrontEnd::new(&settings.front_end)?;
+    let prepared = prepared(dataset, settings, &front_end, calibrations)?;
     settings.programs.iter().try_for_each(Program::check_starts)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
-    let work: Vec<(&SpatialTrial, u64)> =
+    let work: Vec<(&Prepared<'_>, u64)> =
         prepared.iter().flat_map(|trial| settings.seeds.iter().map(move |seed| (trial, *seed))).collect();
     let found: Vec<anyhow::Result<Vec<Scored>>> = work
         .par_iter()
         .map(|(trial, seed)| {
             let folder = estimates.filter(|_| settings.seeds.first() == Some(seed));
-            let scores = participants.iter().map(|one| scored(trial, one, settings.noise, *seed, folder)).collect();
+            let scores =
+                participants.iter().map(|one| trial.score(one, &front_end, settings.noise, *seed, folder)).collect();
             progress.inc(1);
             scores
         })
@@ -147,12 +160,13 @@ pub(super) fn evaluate_keeping(
     Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times, failures })
 }
 
-fn prepared(
+fn prepared<'a>(
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,
-    calibrations: &Calibrations,
-) -> anyhow::Result<Vec<SpatialTrial>> {
-    let mut faces: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
+    front_end: &SpatialFrontEnd,
+    calibrations: &'a Calibrations,
+) -> anyhow::Result<Vec<Prepared<'a>>> {
+    let mut whiskers: BTreeMap<String, (Arc<CalibratedSpace>, Option<&'a SpatialSensor>)> = BTreeMap::new();
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
         if SpatialSidecar::read(path)?.role == Role::Trial {
@@ -164,7 +178,7 @@ fn prepared(
     }
     for trace in &traces {
         let name = &trace.sidecar.whisker.name;
-        if faces.contains_key(name) {
+        if whiskers.contains_key(name) {
             continue;
         }
         let (path, file) = calibrations.get(name).with_context(|| {
@@ -173,7 +187,8 @@ fn prepared(
                 trace.sidecar.name
             )
         })?;
-        faces.insert(name.clone(), calibrated(path, file, &trace.sidecar)?);
+        let sensor = front_end.sensor(path, file)?;
+        whiskers.insert(name.clone(), (calibrated(path, file, &trace.sidecar)?, sensor));
     }
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();
@@ -182,41 +197,46 @@ fn prepared(
         *known = known.max(largest_reading_n_m([trace]));
     }
     let prepare = |trace: SpatialTrace| {
-        let calibrated = faces[&trace.sidecar.whisker.name].clone();
-        let noise_sd_n_m = settings.noise * largest[&of_set(&trace)];
-        SpatialTrial::new(Arc::new(trace), calibrated, noise_sd_n_m)
+        let (calibrated, sensor) = &whiskers[&trace.sidecar.whisker.name];
+        let added_sd_n_m = settings.noise * largest[&of_set(&trace)];
+        let knowledge = knowledge(calibrated, added_sd_n_m, *sensor, trace.sidecar.rate_hz);
+        Prepared { trial: SpatialTrial::new(Arc::new(trace), knowledge), added_sd_n_m, sensor: *sensor }
     };
     Ok(traces.into_par_iter().map(prepare).collect())
 }
 
-/// Scores of one replay. Writes its estimates into `folder`.
-fn scored(
-    trial: &SpatialTrial,
-    participant: &Participant,
-    noise: f64,
-    seed: u64,
-    folder: Option<&Path>,
-) -> anyhow::Result<Scored> {
-    let SpatialTrial { trace: of_trial, knowledge, .. } = trial;
-    let (name, trace) = (participant.name(), &of_trial.sidecar.name);
-    let readings_n_m = trial.readings_n_m(seed);
-    let samples = samples(of_trial, &readings_n_m);
-    let replayed = participant.replay(&SpatialTask { knowledge, samples: &samples, trace, seed })?;
-    if let Some(folder) = folder {
-        let every = readings_n_m.len().div_ceil(KEPT).max(1);
-        let kept = (0..readings_n_m.len()).step_by(every);
-        let row_of = |i: usize| {
-            let (known, truth) = (&of_trial.recording.instants[i], &of_trial.truth.instants[i]);
-            spatial_estimate_row(known, truth, &knowledge.calibrated, readings_n_m[i], replayed.estimates[i].as_ref())
-        };
-        write_rows(&ESTIMATES.path_of(folder, &[trace, name]), kept.map(row_of))?;
+impl Prepared<'_> {
+    /// Scores of one replay. Writes its estimates into `folder`.
+    fn score(
+        &self,
+        participant: &Participant,
+        front_end: &SpatialFrontEnd,
+        noise: f64,
+        seed: u64,
+        folder: Option<&Path>,
+    ) -> anyhow::Result<Scored> {
+        let SpatialTrial { trace, knowledge, .. } = &self.trial;
+        let (estimator, name) = (participant.name(), &trace.sidecar.name);
+        let readings_n_m = front_end.bending_n_m(trace, self.added_sd_n_m, seed, self.sensor)?;
+        let samples = samples(trace, &readings_n_m);
+        let replayed = participant.replay(&SpatialTask { knowledge, samples: &samples, trace: name, seed })?;
+        if let Some(folder) = folder {
+            let every = readings_n_m.len().div_ceil(KEPT).max(1);
+            let kept = (0..readings_n_m.len()).step_by(every);
+            let row_of = |i: usize| {
+                let (now, truth) = (&trace.recording.instants[i], &trace.truth.instants[i]);
+                spatial_estimate_row(now, truth, &knowledge.calibrated, readings_n_m[i], replayed.estimates[i].as_ref())
+            };
+            write_rows(&ESTIMATES.path_of(folder, &[name, estimator]), kept.map(row_of))?;
+        }
+        let failed =
+            |reason| FailureRow { trace: name.clone(), estimator: Some(estimator.into()), noise, seed, reason };
+        Ok(Scored {
+            trial: self.trial.score(estimator, seed, &replayed.estimates)?,
+            steps_us: replayed.steps_us,
+            failure: replayed.failure.map(failed),
+        })
     }
-    let failed = |reason| FailureRow { trace: trace.clone(), estimator: Some(name.into()), noise, seed, reason };
-    Ok(Scored {
-        trial: trial.score(name, seed, &replayed.estimates)?,
-        steps_us: replayed.steps_us,
-        failure: replayed.failure.map(failed),
-    })
 }
 
 /// Row of the times of an estimator's steps.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use files::write_json;
 use indicatif::ProgressBar;
+use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde_json::Value;
 use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
@@ -13,9 +14,10 @@ use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{self, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample};
 
-use super::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base};
+use super::{largest_reading_n_m, to_base};
 use crate::dataset::Dataset;
 use crate::fit::{Models, check_replaces_calibration};
+use crate::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialNoise};
 use crate::provenance::calibration_watermark;
 use crate::settings::merged;
 
@@ -26,8 +28,10 @@ pub struct SpatialFitSettings {
     pub models: Models,
     /// White noise that is added to the readings, as a fraction of the largest bending moment of a whisker's calibration.
     pub noise: f64,
-    /// Seed of that noise.
+    /// Seed of that noise and of the front end.
     pub seed: u64,
+    /// Front end through which the traces are read.
+    pub front_end: FrontEndConfig,
 }
 
 /// Calibration of one whisker and its file.
@@ -74,6 +78,7 @@ pub fn fit(
     progress: &ProgressBar,
 ) -> anyhow::Result<Vec<SpatialFitted>> {
     let candidates = candidates(&settings.models)?;
+    let front_end = SpatialFrontEnd::new(&settings.front_end)?;
     let mut whiskers: BTreeMap<String, Vec<SpatialTrace>> = BTreeMap::new();
     for path in &dataset.paths {
         let sidecar = SpatialSidecar::read(path)?;
@@ -85,57 +90,75 @@ pub fn fit(
         bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Calibration.name());
     }
     progress.set_length((whiskers.len() * candidates.len()) as u64);
-    let fitted = whiskers.values().map(|traces| fit_whisker(traces, &candidates, settings, out, progress));
-    fitted.collect()
+    let fit = WhiskerFit { candidates: &candidates, front_end: &front_end, settings, out, progress };
+    whiskers.values().map(|traces| fit.run(traces)).collect()
 }
 
-fn fit_whisker(
-    traces: &[SpatialTrace],
-    candidates: &[Candidate],
-    settings: &SpatialFitSettings,
-    out: &Path,
-    progress: &ProgressBar,
-) -> anyhow::Result<SpatialFitted> {
-    let first = &traces[0].sidecar;
-    let whisker = first.spatial_whisker();
-    if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
-        let reference = format!("those of {}, whose whisker has the same name", first.name);
-        let different = other.sidecar.whisker.difference(&first.whisker);
-        let reason = different.map_or_else(
-            || format!("suspension, poisson_ratio: found other values than {reference}"),
-            |difference| format!("whisker.{difference}; the parameters must be {reference}"),
-        );
-        bail!("{}: {reason}", other.sidecar.name);
+/// What the fits of all whiskers have in common.
+struct WhiskerFit<'a> {
+    candidates: &'a [Candidate],
+    front_end: &'a SpatialFrontEnd,
+    settings: &'a SpatialFitSettings,
+    /// Folder of the calibrations.
+    out: &'a Path,
+    progress: &'a ProgressBar,
+}
+
+impl WhiskerFit<'_> {
+    /// Fits the whisker of some traces, unless an up-to-date calibration is there.
+    fn run(&self, traces: &[SpatialTrace]) -> anyhow::Result<SpatialFitted> {
+        let Self { candidates, front_end, settings, out, progress } = *self;
+        let first = &traces[0].sidecar;
+        let whisker = first.spatial_whisker();
+        if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
+            let reference = format!("those of {}, whose whisker has the same name", first.name);
+            let different = other.sidecar.whisker.difference(&first.whisker);
+            let reason = different.map_or_else(
+                || format!("suspension, poisson_ratio: found other values than {reference}"),
+                |difference| format!("whisker.{difference}; the parameters must be {reference}"),
+            );
+            bail!("{}: {reason}", other.sidecar.name);
+        }
+        let data_sha256 = data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256()));
+        let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
+        inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
+        inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
+        let watermark = calibration_watermark(inputs.iter().map(String::as_str));
+        let path = out.join(format!("{}.json", whisker.whisker.name));
+        check_replaces_calibration(&path, SPATIAL_FORMAT)?;
+        let known = SpatialCalibrationFile::read(&path).ok();
+        if let Some(calibration) = known.filter(|known| known.watermark.inputs_sha256 == watermark.inputs_sha256) {
+            progress.inc(candidates.len() as u64);
+            return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
+        }
+        let place = || format!("whisker `{}`", whisker.whisker.name);
+        let noise_sd_n_m = settings.noise * largest_reading_n_m(traces);
+        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
+        let recordings: Vec<SpatialInput<'_>> =
+            traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
+        let sensor = front_end.calibrate(&recordings).with_context(place)?;
+        let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
+        for trace in traces {
+            let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
+            lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
+        }
+        let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
+        let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
+        let data = FittedData {
+            noise_fraction: settings.noise,
+            seed: settings.seed,
+            front_end: None,
+            sensor: None,
+            data_sha256,
+            traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+        };
+        let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
+        let front_end = front_end.describe(sensor.into_iter().collect());
+        let calibration = SpatialCalibrationFile { front_end, ..calibration };
+        write_json(&path, &calibration)?;
+        let left_out = left_out.iter().map(|reason| format!("{}: {reason}", place())).collect();
+        Ok(SpatialFitted { calibration, path, is_new: true, left_out })
     }
-    let data_sha256 = data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256()));
-    let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
-    inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
-    let watermark = calibration_watermark(inputs.iter().map(String::as_str));
-    let path = out.join(format!("{}.json", whisker.whisker.name));
-    check_replaces_calibration(&path, SPATIAL_FORMAT)?;
-    let known = SpatialCalibrationFile::read(&path).ok();
-    if let Some(calibration) = known.filter(|known| known.watermark.inputs_sha256 == watermark.inputs_sha256) {
-        progress.inc(candidates.len() as u64);
-        return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
-    }
-    let noise_sd_n_m = settings.noise * largest_reading_n_m(traces);
-    let lines: Vec<Vec<SpatialSample>> =
-        traces.iter().flat_map(|trace| lines(trace, noise_sd_n_m, settings.seed)).collect();
-    let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
-    let place = || format!("whisker `{}`", whisker.whisker.name);
-    let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
-    let data = FittedData {
-        noise_fraction: settings.noise,
-        seed: settings.seed,
-        front_end: None,
-        sensor: None,
-        data_sha256,
-        traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
-    };
-    let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
-    write_json(&path, &calibration)?;
-    let left_out = left_out.iter().map(|reason| format!("{}: {reason}", place())).collect();
-    Ok(SpatialFitted { calibration, path, is_new: true, left_out })
 }
 
 /// Fits of the candidates, at least one, and the reasons why others were left out.
@@ -166,12 +189,14 @@ fn fits(
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
 }
 
-/// Lines of known single contacts on the side of the whisker, each from touch to release. Readings have white noise of
-/// this standard deviation.
-fn lines(trace: &SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Vec<Vec<SpatialSample>> {
+/// Lines of known single contacts on the side of the whisker, each from touch to release, with the readings of the sensor and those
+/// without its errors (N m), one pair per row.
+fn lines(
+    trace: &SpatialTrace,
+    readings: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>,
+) -> Vec<Vec<SpatialSample>> {
     let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
     let mut is_open = false;
-    let readings = noisy_readings_n_m(trace, noise_sd_n_m, seed).into_iter().zip(readings_n_m(trace));
     let rows = trace.recording.instants.iter().zip(&trace.truth.instants).zip(readings);
     for ((known, truth), (reading_n_m, reference_n_m)) in rows {
         let Some(contact) = truth.contact else {

@@ -17,9 +17,15 @@ pub fn readings_n_m(trace: &SpatialTrace) -> Vec<Vector2<f64>> {
 
 /// The same with independent white noise of this standard deviation on both, drawn from the seed and the name of the trace.
 pub fn noisy_readings_n_m(trace: &SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Vec<Vector2<f64>> {
-    let mut random = Pcg64::seed_from_u64(derived_seed(seed, &["white noise in space", &trace.sidecar.name]));
-    let mut draw = || noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
-    readings_n_m(trace).into_iter().map(|reading_n_m| reading_n_m + Vector2::new(draw(), draw())).collect()
+    let mut noise = bending_noise(&trace.sidecar.name, seed);
+    let noisy = |reading_n_m| reading_n_m + noise_sd_n_m * Vector2::from(noise());
+    readings_n_m(trace).into_iter().map(noisy).collect()
+}
+
+/// Standard normal noise of both bending moments of a trace, one pair per row.
+pub(crate) fn bending_noise(trace: &str, seed: u64) -> impl FnMut() -> [f64; 2] + use<> {
+    let mut random = Pcg64::seed_from_u64(derived_seed(seed, &["white noise in space", trace]));
+    move || std::array::from_fn(|_| random.sample(StandardNormal))
 }
 
 /// Largest bending moment of some traces.

@@ -1,5 +1,6 @@
 //! Replay of a trace in space through an estimator.
 
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant as Clock;
@@ -7,7 +8,7 @@ use std::time::Instant as Clock;
 use anyhow::{Context, bail};
 use nalgebra::Vector2;
 use serde_json::Value;
-use trace::{SpatialCalibrationFile, SpatialPose, SpatialSidecar, SpatialTrace};
+use trace::{SpatialCalibrationFile, SpatialPose, SpatialSensor, SpatialSidecar, SpatialTrace};
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, World};
 use whisker::space::estimators::{
@@ -69,6 +70,27 @@ pub fn calibrated(
 ) -> anyhow::Result<Arc<CalibratedSpace>> {
     check_calibration(path, calibration, sidecar)?;
     Ok(calibration.calibrated(path, None)?)
+}
+
+/// Prior information of an estimator for a whisker that is read with white noise of this standard deviation on the moments, and by
+/// a sensor if there is one: its noise adds to that of the moments, its offset to the error of the sensor model. Both are those of
+/// an average direction of bending.
+pub fn knowledge(
+    calibrated: &Arc<CalibratedSpace>,
+    added_sd_n_m: f64,
+    sensor: Option<&SpatialSensor>,
+    rate_hz: f64,
+) -> Arc<Knowledge> {
+    let rms = |[y_n_m, z_n_m]: [f64; 2]| y_n_m.hypot(z_n_m) * FRAC_1_SQRT_2;
+    let knowledge = match sensor {
+        None => Knowledge { calibrated: calibrated.clone(), noise_sd_n_m: added_sd_n_m, rate_hz },
+        Some(sensor) => Knowledge {
+            calibrated: Arc::new(calibrated.read_by(rms(sensor.offset_sd_n_m))),
+            noise_sd_n_m: added_sd_n_m.hypot(rms(sensor.noise_sd_n_m)),
+            rate_hz,
+        },
+    };
+    Arc::new(knowledge)
 }
 
 /// Samples of a robot: base motions from the recorded poses, and readings.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Scores of one replay. Errors are those after [`START_S`](super::START_S) of each touch.
+/// Scores of one replay. Errors are those after [`START_S`](super::trial::START_S) of each touch.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpatialTrialRow {
     /// Name of the trace.

@@ -8,7 +8,7 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use trace::{Role, SpatialSidecar, StatedSuspension};
+use trace::{Role, SpatialFrontEndFile, SpatialSidecar, StatedSuspension};
 use whisker::Whisker;
 
 use super::SpatialEstimateRow;
@@ -26,6 +26,7 @@ use super::solid::Solid;
 use crate::dataset::Dataset;
 use crate::evaluate::part_folder::{PartFolder, restore, tidy};
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
+use crate::front_end::{SPATIAL_FRONT_ENDS, SpatialFrontEnd};
 use crate::provenance::evaluation_watermark;
 use crate::results::files::{Per, RunFile, Writer};
 use crate::results::{FailureRow, ResultsKind, csv_bytes, read_rows};
@@ -65,10 +66,13 @@ pub struct SpatialRun {
     pub watermark: Watermark,
     /// Name of the dataset.
     pub name: String,
-    /// Measurement noise of both moments, as a fraction of the largest moment of each group of trials with one whisker.
+    /// White noise added to the moments, as a fraction of the largest moment of each group of trials with one whisker.
     pub noise: f64,
-    /// Seeds of the noise.
+    /// Seeds of the noise and of the front end.
     pub seeds: Vec<u64>,
+    /// Front end with its settings and the calibrations of its sensors. `None` if the readings are the moments with white noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub front_end: Option<SpatialFrontEndFile>,
     /// Estimators by name, with their settings.
     pub estimators: BTreeMap<String, Value>,
     /// The trials.
@@ -79,15 +83,20 @@ impl SpatialRun {
     /// Description of the run that a dataset and settings determine, and the calibrations that it reads.
     ///
     /// # Errors
-    /// If an input cannot be read, or an estimator is unknown or its settings are invalid.
+    /// If an input cannot be read, an estimator or front end is unknown or its settings are invalid, or a calibration was made
+    /// through another front end.
     fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<(Self, Calibrations)> {
         let estimators = described(settings)?;
+        let front_end = SpatialFrontEnd::new(&settings.front_end)?;
         let (mut trials, mut data) = (Vec::new(), Vec::new());
         let calibrations = settings.calibrations(dataset)?;
         let mut hashes: BTreeMap<&str, String> = BTreeMap::new();
-        for (whisker, (path, _)) in &calibrations {
+        let mut sensors = Vec::new();
+        for (whisker, (path, file)) in &calibrations {
             hashes.insert(whisker, sha256_of_file(path)?);
+            sensors.extend(front_end.sensor(path, file)?.cloned());
         }
+        let front_end = front_end.describe(sensors);
         for path in &dataset.paths {
             let sidecar = SpatialSidecar::read(path)?;
             if sidecar.role == Role::Trial {
@@ -99,12 +108,13 @@ impl SpatialRun {
                 trials.push(SpatialRunTrial { trace: name, group, whisker, solid });
             }
         }
-        data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &estimators))?);
+        data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &front_end, &estimators))?);
         let run = Self {
             watermark: evaluation_watermark(data.iter().map(String::as_str)),
             name: dataset.name.clone(),
             noise: settings.noise,
             seeds: settings.seeds.clone(),
+            front_end,
             estimators,
             trials,
         };
@@ -196,12 +206,18 @@ impl SpatialRun {
         let lists = [
             difference("noise", &self.noise.to_string(), &new.noise.to_string()),
             difference("seeds", &seeds(&self.seeds), &seeds(&new.seeds)),
+            difference("front end", &front_end(self), &front_end(new)),
             of_lists("estimators", names(self), names(new)),
             of_lists("traces", traces(self), traces(new)),
         ];
         let settings = self.estimators.iter().filter(changed).map(|(name, _)| format!("settings of `{name}`"));
         lists.into_iter().flatten().chain(settings).collect()
     }
+}
+
+/// Front end of a run, for messages.
+fn front_end(run: &SpatialRun) -> String {
+    run.front_end.as_ref().map_or_else(|| SPATIAL_FRONT_ENDS[0].name.into(), |of| format!("{} {}", of.name, of.config))
 }
 
 /// A solid, and the trials that sweep over it.

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use nalgebra::Vector2;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{SpatialInstant, SpatialTrace, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
@@ -13,7 +12,7 @@ use super::bound::{SpatialBoundAt, bound};
 use super::object::TrueObject;
 use super::rows::SpatialTrialRow;
 use super::solid::Solid;
-use super::{noisy_readings_n_m, to_base};
+use super::to_base;
 use crate::consistency::SPATIAL_NEES_FREEDOM;
 use crate::metrics::doubt;
 use crate::statistics;
@@ -84,19 +83,14 @@ struct Sums {
 }
 
 impl SpatialTrial {
-    /// The trial of a trace with this standard deviation of the noise of each moment.
-    pub fn new(trace: Arc<SpatialTrace>, calibrated: Arc<CalibratedSpace>, noise_sd_n_m: f64) -> Self {
+    /// The trial of a trace whose estimators have this prior information.
+    pub fn new(trace: Arc<SpatialTrace>, knowledge: Arc<Knowledge>) -> Self {
+        let Knowledge { calibrated, noise_sd_n_m, .. } = &*knowledge;
         let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
         let object = TrueObject::of(&trace, solid.as_ref());
-        let bound = bound(&trace, &calibrated, object.as_ref(), noise_sd_n_m);
-        let expected = expected(&trace, &calibrated);
-        let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: trace.sidecar.rate_hz });
+        let bound = bound(&trace, calibrated, object.as_ref(), *noise_sd_n_m);
+        let expected = expected(&trace, calibrated);
         Self { knowledge, bound, expected, object, solid, trace }
-    }
-
-    /// The readings with the noise of a seed (N m).
-    pub fn readings_n_m(&self, seed: u64) -> Vec<Vector2<f64>> {
-        noisy_readings_n_m(&self.trace, self.knowledge.noise_sd_n_m, seed)
     }
 
     /// Bound at every instant of the trace; `None` while the whisker is free. Without noise it is undefined.

@@ -14,7 +14,7 @@ use whisker::space::sensor::{
 };
 
 use super::sidecar::{check_whisker, other_format};
-use super::{SPATIAL_FORMAT, StatedSuspension};
+use super::{SPATIAL_FORMAT, SpatialFrontEndFile, StatedSuspension};
 use crate::FittedData;
 use crate::calibration::MOST_NOISE;
 use crate::sidecar::plain_name;
@@ -39,6 +39,9 @@ pub struct SpatialCalibrationFile {
     pub noise_fraction: f64,
     /// Seed of that noise.
     pub seed: u64,
+    /// Front end through which the traces were read. `None` if the readings are the moments themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub front_end: Option<SpatialFrontEndFile>,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -111,6 +114,7 @@ impl SpatialCalibrationFile {
             readings: READINGS.map(Into::into).into(),
             noise_fraction,
             seed,
+            front_end: None,
             data_sha256,
             traces,
             samples: best.samples,
@@ -206,6 +210,7 @@ impl SpatialCalibrationFile {
             return Err(Error::value(path, "noise_fraction", self.noise_fraction, format!("0 to {MOST_NOISE}")));
         }
         check_whisker(path, &self.spatial_whisker())?;
+        self.front_end.iter().try_for_each(|front_end| front_end.check(path))?;
         let found = models_sha256(&self.domain, &self.models);
         if found != self.models_sha256 {
             let expected = format!("{found}, the hash of domain and models");

@@ -5,7 +5,9 @@
 
 mod calibration;
 mod certificate;
+mod characteristic;
 mod columns;
+mod front_end;
 mod lifted;
 mod sidecar;
 mod table;
@@ -14,7 +16,9 @@ pub(crate) use sidecar::other_format;
 
 pub use calibration::{SpatialCalibrationFile, SpatialModelFile};
 pub use certificate::SpatialCertificate;
+pub use characteristic::SpatialCharacteristic;
 pub use columns::SPATIAL_COLUMNS;
+pub use front_end::{SpatialFrontEndFile, SpatialSensor};
 pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};
 pub use table::{
     Feature, SpatialContactTruth, SpatialInstant, SpatialPose, SpatialRecording, SpatialTrace, SpatialTruth,

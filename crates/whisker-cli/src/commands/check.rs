@@ -105,8 +105,10 @@ fn check(path: &Path) -> anyhow::Result<String> {
             let model = calibration.model(None).with_context(|| format!("{}: chosen", path.display()))?;
             let share = 100.0 * model.heldout_rms_n_m / calibration.largest_reading_n_m;
             let (whisker, label) = (&calibration.whisker.name, &model.label);
+            let through =
+                calibration.front_end.as_ref().map_or_else(String::new, |of| format!("; through `{}`", of.name));
             Ok(format!(
-                "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading"
+                "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading{through}"
             ))
         }
         Some("calibration") => {

@@ -17,7 +17,7 @@ use testbed::encoders::Encoders;
 use testbed::evaluate::{
     EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
 };
-use testbed::front_end::{FRONT_ENDS, FrontEnd};
+use testbed::front_end::{FrontEnd, SpatialFrontEnd};
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
@@ -172,7 +172,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         end_programs_with_this()?;
     }
     let choice = arguments.front_end.choice();
-    let front_end = FrontEnd::new(&choice)?;
     if datasets.iter().map(Dataset::is_spatial).collect::<anyhow::Result<Vec<_>>>()?.contains(&true) {
         let of_plane = [("touch", touch.is_some()), ("map", map.is_some())];
         if let Some((key, _)) = of_plane.into_iter().find(|(_, is_given)| *is_given) {
@@ -182,8 +181,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 path.display()
             );
         }
-        return in_space(arguments, &datasets, config, programs, &front_end);
+        return in_space(arguments, &datasets, config, programs);
     }
+    let front_end = FrontEnd::new(&choice)?;
     let (noise, noise_unit) = match &arguments.noise {
         Some(levels) => (levels.clone(), arguments.noise_unit.map_or_else(NoiseUnit::default, Into::into)),
         None if states_noise(&datasets, &front_end)? => (vec![1.0], NoiseUnit::Stated),
@@ -242,8 +242,9 @@ fn in_space(
     datasets: &[Dataset],
     config: BTreeMap<String, Value>,
     programs: Vec<Program>,
-    front_end: &FrontEnd,
 ) -> anyhow::Result<ExitCode> {
+    let choice = arguments.front_end.choice();
+    let front_end = SpatialFrontEnd::new(&choice)?;
     let [dataset] = datasets else {
         bail!("found {} inputs, expected one suite or folder of traces in space", datasets.len())
     };
@@ -258,10 +259,11 @@ fn in_space(
         ("--share", arguments.share.is_some()),
         ("--noise-unit", arguments.noise_unit.is_some_and(|unit| !matches!(unit, Unit::Set))),
         ("--starts", matches!(arguments.starts, Starts::Wrong)),
-        ("--front-end", front_end.row.name != FRONT_ENDS[0].name),
     ];
     if let Some((option, _)) = options.into_iter().find(|(_, is_given)| *is_given) {
-        bail!("{option}: does not apply to traces in space, which are evaluated with white noise relative to each set");
+        bail!(
+            "{option}: does not apply to traces in space, whose noise is white and relative to each set, or that of a front end"
+        );
     }
     let folder = run_folder(&arguments.results, arguments.name.as_ref().unwrap_or(&dataset.name))?;
     let inputs = inputs(arguments, datasets);
@@ -271,7 +273,8 @@ fn in_space(
         estimators: arguments.estimators.clone(),
         config,
         noise,
-        seeds: arguments.seeds.unwrap_or(if noise > 0.0 { DEFAULT_SEEDS } else { 1 }),
+        seeds: arguments.seeds.unwrap_or(if noise > 0.0 || front_end.is_noisy() { DEFAULT_SEEDS } else { 1 }),
+        front_end: choice,
         calibrations: arguments.calibrations.clone(),
         programs,
         force: arguments.force,

@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::{CALIBRATIONS, Dataset};
 use testbed::fit::{FitSettings, Models, fit};
-use testbed::front_end::{FRONT_ENDS, FrontEnd, Mounting};
+use testbed::front_end::{FrontEnd, Mounting, SpatialFrontEnd};
 use testbed::space::fit::SpatialFitSettings;
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face};
@@ -65,10 +65,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let choice = arguments.front_end.choice();
-    let front_end = FrontEnd::new(&choice)?;
     if dataset.is_spatial()? {
-        return in_space(arguments, &dataset, models, &front_end);
+        return in_space(arguments, &dataset, models);
     }
+    let front_end = FrontEnd::new(&choice)?;
     let settings = FitSettings {
         models,
         noise: arguments.noise.unwrap_or(front_end.row.noise),
@@ -128,17 +128,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 /// Fit of traces in space.
-fn in_space(
-    arguments: &Arguments,
-    dataset: &Dataset,
-    models: Models,
-    front_end: &FrontEnd,
-) -> anyhow::Result<ExitCode> {
-    if front_end.row.name != FRONT_ENDS[0].name || !arguments.sensors.is_empty() {
-        bail!("--front-end, --sensors: traces in space are read through the front end `{}` alone", FRONT_ENDS[0].name);
+fn in_space(arguments: &Arguments, dataset: &Dataset, models: Models) -> anyhow::Result<ExitCode> {
+    if !arguments.sensors.is_empty() {
+        bail!("--sensors: does not apply to traces in space, each of whose whiskers has a sensor of its own");
     }
+    let choice = arguments.front_end.choice();
+    let front_end = SpatialFrontEnd::new(&choice)?;
     let noise = arguments.noise.unwrap_or(front_end.row.noise);
-    let settings = SpatialFitSettings { models, noise, seed: arguments.seed };
+    let settings = SpatialFitSettings { models, noise, seed: arguments.seed, front_end: choice };
     let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
     check_is_folder(&out)?;
     let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;

@@ -12,7 +12,8 @@ use super::json;
 #[derive(clap::Args)]
 #[group(skip)]
 pub(super) struct Arguments {
-    /// Front end: sensor between moment and reading of simulated traces (`whisker list front-ends`)
+    /// Front end: sensor between moment and reading of simulated traces (`whisker list front-ends`; for traces in space
+    /// `space-front-ends`)
     #[arg(long, default_value = FRONT_ENDS[0].name)]
     front_end: String,
     /// Settings of the front end as JSON or as a JSON file, for example '{"white_counts": 2}'

@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::fitted_traces::check_fitted_traces;
-use testbed::front_end::{FrontEnd, Mounting, Reader, Reading};
+use testbed::front_end::{FrontEnd, Mounting, Reader, Reading, SpatialFrontEnd};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
 use testbed::settings::merged;
@@ -67,6 +67,7 @@ impl MethodArguments {
 pub(super) struct InSpace {
     pub(super) row: &'static SpatialEstimatorRow,
     pub(super) config: Value,
+    pub(super) front_end: SpatialFrontEnd,
     /// Measurement noise to add, as a fraction of the trace's largest reading. `None` for the default.
     pub(super) noise: Option<f64>,
     pub(super) seed: u64,
@@ -103,14 +104,12 @@ impl Arguments {
     /// The options for a trace in space.
     ///
     /// # Errors
-    /// If the estimator is unknown, or an option does not apply to traces in space.
+    /// If the estimator or the front end is unknown, or settings are invalid.
     pub(super) fn in_space(&self) -> anyhow::Result<InSpace> {
-        if !self.front_end.is_default() {
-            bail!("--front-end: does not apply to traces in space, which are replayed with white noise");
-        }
+        let front_end = SpatialFrontEnd::new(&self.front_end.choice())?;
         let row = space::replay::registered(&self.method.estimator)?;
         let config = merged(row.defaults(), &self.method.config)?;
-        Ok(InSpace { row, config, noise: self.noise, seed: self.seed })
+        Ok(InSpace { row, config, front_end, noise: self.noise, seed: self.seed })
     }
 
     /// Looks for a trace and its calibration.

@@ -5,19 +5,18 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use anyhow::bail;
 use files::{check_replaces_own, write_atomically};
 use nalgebra::Vector2;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
-use testbed::front_end::FRONT_ENDS;
+use testbed::front_end::{FrontEndConfig, SpatialFrontEnd};
 use testbed::participant::Program;
 use testbed::results::csv_bytes;
 use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
-use testbed::space::replay::{calibrated, read_calibration, replay, samples};
-use testbed::space::{
-    SpatialEstimateRow, evaluate_into, largest_reading_n_m, noisy_readings_n_m, spatial_estimate_row,
-};
+use testbed::space::replay::{calibrated, knowledge, read_calibration, replay, samples};
+use testbed::space::{SpatialEstimateRow, evaluate_into, largest_reading_n_m, spatial_estimate_row};
 use trace::{Sidecar, SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
@@ -67,9 +66,9 @@ impl Prepared {
     /// A simulated trace with the noise of the options and the calibration in this file.
     ///
     /// # Errors
-    /// If the calibration cannot be read or is one of another whisker.
+    /// If the calibration cannot be read, or is one of another whisker or through another front end.
     pub(super) fn new(trace: SpatialTrace, options: &InSpace, calibration: &Path) -> anyhow::Result<Self> {
-        Self::with_noise(trace, options, &ReplayNoise::of_simulated(), calibration)
+        Self::with_noise(trace, options, &ReplayNoise::of_simulated(&options.front_end), calibration)
     }
 
     fn with_noise(
@@ -79,10 +78,12 @@ impl Prepared {
         calibration: &Path,
     ) -> anyhow::Result<Self> {
         let added_sd_n_m = options.noise.unwrap_or(noise.default) * largest_reading_n_m([&trace]);
-        let readings_n_m = noisy_readings_n_m(&trace, added_sd_n_m, options.seed);
+        let file = read_calibration(calibration)?;
+        let calibrated = calibrated(calibration, &file, &trace.sidecar)?;
+        let sensor = options.front_end.sensor(calibration, &file)?;
+        let readings_n_m = options.front_end.bending_n_m(&trace, added_sd_n_m, options.seed, sensor)?;
         let noise_sd_n_m = added_sd_n_m.hypot(noise.own_sd_n_m);
-        let calibrated = calibrated(calibration, &read_calibration(calibration)?, &trace.sidecar)?;
-        let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz: trace.sidecar.rate_hz });
+        let knowledge = knowledge(&calibrated, noise_sd_n_m, sensor, trace.sidecar.rate_hz);
         Ok(Self { trace, knowledge, readings_n_m })
     }
 }
@@ -96,19 +97,31 @@ struct ReplayNoise {
 }
 
 impl ReplayNoise {
-    fn of_simulated() -> Self {
-        Self { default: FRONT_ENDS[0].noise, own_sd_n_m: 0.0 }
+    fn of_simulated(front_end: &SpatialFrontEnd) -> Self {
+        Self { default: front_end.row.noise, own_sd_n_m: 0.0 }
     }
 
     /// That of a planar trace, which may be a recording.
-    fn of(planar: &Sidecar) -> Self {
-        Self { default: FRONT_ENDS[0].default_noise(planar), own_sd_n_m: planar.own_noise_sd_n_m() }
+    ///
+    /// # Errors
+    /// If it is a recording of a real sensor and the front end models one.
+    fn of(planar: &Sidecar, front_end: &SpatialFrontEnd) -> anyhow::Result<Self> {
+        let is_recorded = planar.recorded.is_some();
+        if is_recorded && front_end.is_noisy() {
+            bail!(
+                "{}: found a recording of a real sensor, expected a simulated trace for the front end `{}`",
+                planar.name,
+                front_end.row.name
+            );
+        }
+        let default = if is_recorded { 0.0 } else { front_end.row.noise };
+        Ok(Self { default, own_sd_n_m: planar.own_noise_sd_n_m() })
     }
 }
 
-/// Default path of the calibration of a trace's whisker.
-pub(super) fn calibration_of(trace: &Path, whisker: &str) -> PathBuf {
-    calibrations(beside(trace), FRONT_ENDS[0].name).join(format!("{whisker}.json"))
+/// Default path of the calibration of a trace's whisker through a front end.
+pub(super) fn calibration_of(trace: &Path, whisker: &str, front_end: &SpatialFrontEnd) -> PathBuf {
+    calibrations(beside(trace), front_end.row.name).join(format!("{whisker}.json"))
 }
 
 /// Replays a trace through an estimator and writes the estimates, to stdout without `out`.
@@ -126,12 +139,13 @@ pub(super) fn replay_in_space(
             let mut planar = Trace::read(trace)?;
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;
-            let noise = ReplayNoise::of(&planar.sidecar);
+            let noise = ReplayNoise::of(&planar.sidecar, &options.front_end)?;
             (SpatialTrace::lifted(&planar, suspension, poisson_ratio), noise)
         }
-        _ => (SpatialTrace::read(trace)?, ReplayNoise::of_simulated()),
+        _ => (SpatialTrace::read(trace)?, ReplayNoise::of_simulated(&options.front_end)),
     };
-    let calibration = calibration.map_or_else(|| calibration_of(trace, &read.sidecar.whisker.name), Path::to_path_buf);
+    let default = || calibration_of(trace, &read.sidecar.whisker.name, &options.front_end);
+    let calibration = calibration.map_or_else(default, Path::to_path_buf);
     let inputs = ["csv", "json"].map(|extension| trace.with_extension(extension)).into_iter();
     let _lock = match out {
         Some(out) => {
@@ -171,6 +185,7 @@ pub(super) struct Evaluation {
     pub(super) config: BTreeMap<String, Value>,
     pub(super) noise: f64,
     pub(super) seeds: u64,
+    pub(super) front_end: FrontEndConfig,
     pub(super) calibrations: Option<PathBuf>,
     pub(super) programs: Vec<Program>,
     /// Whether to replace a finished run with other settings.
@@ -179,9 +194,9 @@ pub(super) struct Evaluation {
 
 /// Evaluates the trials, writes the tables into `folder` and prints the summary.
 pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folder: &Path) -> anyhow::Result<ExitCode> {
-    let Evaluation { estimators, config, noise, seeds, calibrations, programs, force } = evaluation;
+    let Evaluation { estimators, config, noise, seeds, front_end, calibrations, programs, force } = evaluation;
     let seeds = (1..=seeds).collect();
-    let settings = SpatialEvaluateSettings { estimators, config, noise, seeds, calibrations, programs };
+    let settings = SpatialEvaluateSettings { estimators, config, noise, seeds, front_end, calibrations, programs };
     let progress = Progress::of("evaluating");
     let written = evaluate_into(folder, dataset, &settings, force, &progress)?;
     drop(progress);
@@ -264,11 +279,15 @@ mod tests {
     fn verif_no_noise_is_added_to_recorded_readings() {
         let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.json");
         let mut sidecar = Sidecar::read(&golden).unwrap();
+        let front_end = |name: &str| {
+            SpatialFrontEnd::new(&FrontEndConfig { name: name.into(), ..FrontEndConfig::default() }).unwrap()
+        };
+        let white = front_end("white");
         let of = |sidecar: &Sidecar| {
-            let ReplayNoise { default, own_sd_n_m } = ReplayNoise::of(sidecar);
+            let ReplayNoise { default, own_sd_n_m } = ReplayNoise::of(sidecar, &white).unwrap();
             (default, own_sd_n_m)
         };
-        assert_eq!(of(&sidecar), (FRONT_ENDS[0].noise, 0.0));
+        assert_eq!(of(&sidecar), (white.row.noise, 0.0));
         sidecar.recorded = Some(Recorded {
             clock: "none".into(),
             characteristic: [1.0, 0.0, 0.0],
@@ -280,5 +299,7 @@ mod tests {
             object_class: None,
         });
         assert_eq!(of(&sidecar), (0.0, 1e-7));
+        let text = ReplayNoise::of(&sidecar, &front_end("hall")).err().expect("a recording").to_string();
+        assert!(text.contains("found a recording of a real sensor, expected a simulated trace"), "{text}");
     }
 }

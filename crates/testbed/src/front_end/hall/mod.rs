@@ -38,7 +38,6 @@ use board::{Board, BoardReader, samples_in};
 
 pub use config::Config;
 pub(super) use spatial::build as build_spatial;
-pub use spatial::{SpatialCharacteristic, SpatialSensor};
 pub use turn::shift_counts;
 
 /// Degree of the characteristic. For a dipole at this distance, the residual of a lower degree exceeds the noise.

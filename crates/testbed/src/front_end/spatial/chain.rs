@@ -6,10 +6,10 @@ use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
-use trace::{SpatialInstant, SpatialRecording, SpatialSidecar, SpatialTrace, StatedSuspension};
+use trace::{SpatialInstant, SpatialRecording, SpatialSensor, SpatialSidecar, SpatialTrace, StatedSuspension};
 
-use super::SpatialSensor;
 use crate::seeds::derived_seed;
+use crate::space::bending_noise;
 
 /// Reading of a sensor in space at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,12 +101,12 @@ impl<'a> SpatialInput<'a> {
 
     /// Moments at the root in Base with white noise on each component (N m), one entry per instant.
     pub(in crate::front_end) fn moments_n_m(&self) -> impl Iterator<Item = Vector3<f64>> {
-        let mut standard = ["torsion", "bending y", "bending z"].map(|component| self.standard(component));
+        let (mut torsion, mut bending) = (self.standard("torsion"), bending_noise(&self.sidecar.name, self.seed));
         let noise_n_m = self.noise.moment_n_m;
-        self.recording
-            .instants
-            .iter()
-            .map(move |instant| moment_n_m(instant) + noise_n_m * Vector3::from_fn(|axis, _| standard[axis]()))
+        self.recording.instants.iter().map(move |instant| {
+            let [y, z] = bending();
+            moment_n_m(instant) + noise_n_m * Vector3::new(torsion(), y, z)
+        })
     }
 
     /// Directions of the root in Base, one entry per instant: the x axis as yaw and pitch turn it. Twist about it does
@@ -130,6 +130,11 @@ impl<'a> SpatialInput<'a> {
 /// Signal chain of a front end of traces in space. A chain without a sensor returns the loads themselves; a chain with
 /// a sensor converts counts to moments with the sensor's calibration.
 pub trait SpatialChain: Debug + Send + Sync {
+    /// Whether the chain has a sensor, with its own noise, that must be calibrated.
+    fn has_sensor(&self) -> bool {
+        false
+    }
+
     /// Axes about which the readings state the bending.
     fn axes(&self) -> BendingAxes {
         BendingAxes::Base

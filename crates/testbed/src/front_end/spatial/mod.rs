@@ -6,15 +6,18 @@
 mod chain;
 mod white;
 
-use anyhow::{Context, ensure};
+use std::path::Path;
+
+use anyhow::{Context, bail, ensure};
+use nalgebra::Vector2;
 use serde_json::Value;
+use trace::{SpatialCalibrationFile, SpatialFrontEndFile, SpatialSensor, SpatialTrace};
 
 use super::{FrontEndConfig, hall};
 use crate::settings::merged;
 
 pub(super) use chain::moment_n_m;
 pub use chain::{BendingAxes, SpatialChain, SpatialInput, SpatialNoise, SpatialReading};
-pub use hall::{SpatialCharacteristic, SpatialSensor};
 
 /// Entry of the registry of front ends of traces in space.
 pub struct SpatialFrontEndRow {
@@ -53,6 +56,7 @@ pub const SPATIAL_FRONT_ENDS: &[SpatialFrontEndRow] = &[
 pub struct SpatialFrontEnd {
     /// Entry in the registry.
     pub row: &'static SpatialFrontEndRow,
+    config: Value,
     chain: Box<dyn SpatialChain>,
 }
 
@@ -69,7 +73,76 @@ impl SpatialFrontEnd {
         let place = || format!("settings of the front end `{}` of traces in space", row.name);
         let config = merged((row.defaults)(), &requested.config).with_context(place)?;
         let chain = (row.build)(&config).with_context(place)?;
-        Ok(Self { row, chain })
+        Ok(Self { row, config, chain })
+    }
+
+    /// Whether readings depend on the seed even without added noise.
+    pub fn is_noisy(&self) -> bool {
+        self.chain.has_sensor()
+    }
+
+    /// Description for a calibration or a run, with these sensors. `None` if readings are the moments themselves.
+    pub fn describe(&self, sensors: Vec<SpatialSensor>) -> Option<SpatialFrontEndFile> {
+        let described = || SpatialFrontEndFile { name: self.row.name.into(), config: self.config.clone(), sensors };
+        self.chain.has_sensor().then(described)
+    }
+
+    /// Calibration of the sensor of a calibration's whisker. `None` if readings are the moments themselves.
+    ///
+    /// # Errors
+    /// If the calibration at `path` was made through another front end.
+    pub fn sensor<'a>(
+        &self,
+        path: &Path,
+        calibration: &'a SpatialCalibrationFile,
+    ) -> anyhow::Result<Option<&'a SpatialSensor>> {
+        let path = path.display();
+        let make = format!("run `whisker fit --front-end {}` to make one", self.row.name);
+        let Some(file) = &calibration.front_end else {
+            if self.chain.has_sensor() {
+                bail!("{path}: front_end: found none, expected `{}`; {make}", self.row.name);
+            }
+            return Ok(None);
+        };
+        if file.name != self.row.name {
+            bail!("{path}: front_end.name: found `{}`, expected `{}`; {make}", file.name, self.row.name);
+        }
+        for (key, expected) in self.config.as_object().into_iter().flatten() {
+            let found = &file.config[key];
+            if found != expected {
+                bail!("{path}: front_end.config.{key}: found {found}, expected {expected}; {make}");
+            }
+        }
+        let name = &calibration.whisker.name;
+        let sensor = file.sensor(name).with_context(|| {
+            let known: Vec<_> = file.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+            format!("{path}: front_end.sensors: found {}, expected `{name}` among them; {make}", known.join(", "))
+        })?;
+        Ok(Some(sensor))
+    }
+
+    /// Bending moments about y and z of the front end's [`Self::axes`] (N m), one entry per instant of a trace, with white noise of
+    /// this standard deviation on the moments.
+    ///
+    /// # Errors
+    /// As [`Self::readings`].
+    pub fn bending_n_m(
+        &self,
+        trace: &SpatialTrace,
+        noise_sd_n_m: f64,
+        seed: u64,
+        sensor: Option<&SpatialSensor>,
+    ) -> anyhow::Result<Vec<Vector2<f64>>> {
+        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
+        let readings = self.readings(&SpatialInput { sensor, ..SpatialInput::new(trace, noise, seed) })?;
+        Ok(readings.into_iter().map(|reading| reading.bending_n_m.into()).collect())
+    }
+
+    /// The same without noise and errors of the sensor.
+    pub fn exact_n_m(&self, trace: &SpatialTrace) -> impl Iterator<Item = Vector2<f64>> {
+        let suspension = &trace.sidecar.suspension;
+        let of_instant = move |now| self.axes().bending_n_m(moment_n_m(now), suspension).into();
+        trace.recording.instants.iter().map(of_instant)
     }
 
     /// Axes about which the readings state the bending.

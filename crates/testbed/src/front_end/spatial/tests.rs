@@ -74,6 +74,14 @@ fn verif_every_front_end_reads_a_trace() {
 }
 
 #[test]
+fn verif_the_default_front_end_reads_the_moments_with_the_white_noise_of_traces_in_space() {
+    let trace = golden();
+    let white = SpatialFrontEnd::new(&FrontEndConfig::default()).unwrap();
+    let readings = white.bending_n_m(&trace, 2e-7, 3, None).unwrap();
+    assert_eq!(readings, crate::space::noisy_readings_n_m(&trace, 2e-7, 3));
+}
+
+#[test]
 fn verif_white_noise_has_the_stated_deviation_on_each_component() {
     let trace = golden();
     let noise = SpatialNoise { moment_n_m: 2e-7, axial_n: 3e-5 };

@@ -86,7 +86,8 @@ impl Player<'_> {
         for entry in entries {
             let trace = SpatialTrace::read(&entry.trace)?;
             let given = calibration(self.arguments, &entry.name)?;
-            let path = given.unwrap_or_else(|| calibration_of(&entry.trace, &trace.sidecar.whisker.name));
+            let default = || calibration_of(&entry.trace, &trace.sidecar.whisker.name, &options.front_end);
+            let path = given.unwrap_or_else(default);
             let Prepared { trace, knowledge, readings_n_m } = Prepared::new(trace, &options, &path)?;
             let (row, config, of_build) = (options.row, options.config.clone(), knowledge.clone());
             let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);

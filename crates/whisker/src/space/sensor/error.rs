@@ -70,6 +70,12 @@ impl SpatialErrorMap {
         Self { along, away, covariances_n2_m2 }
     }
 
+    /// The map with an additional error of the readings, of this standard deviation in every direction.
+    pub(super) fn with_offset(&self, sd_n_m: f64) -> Self {
+        let widened = |&[first, mixed, second]: &[f64; 3]| [first + sd_n_m * sd_n_m, mixed, second + sd_n_m * sd_n_m];
+        Self { covariances_n2_m2: self.covariances_n2_m2.iter().map(widened).collect(), ..self.clone() }
+    }
+
     /// Whether the lists describe a map.
     pub fn is_valid(&self) -> bool {
         let is_definite = |&[first, mixed, second]: &[f64; 3]| {

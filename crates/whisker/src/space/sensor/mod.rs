@@ -207,6 +207,12 @@ pub struct CalibratedSpace {
 pub struct OnceGeometry(Arc<OnceLock<Option<Geometry>>>);
 
 impl CalibratedSpace {
+    /// The whisker as a sensor reads it whose offset, constant within a recording, has this standard deviation in every direction:
+    /// the offset adds to the error of the model.
+    pub fn read_by(&self, offset_sd_n_m: f64) -> Self {
+        Self { error: self.error.with_offset(offset_sd_n_m), ..self.clone() }
+    }
+
     /// Coordinates of a contact about the undeflected whisker.
     pub fn around(&self, contact: Point<Base>) -> Around {
         Around::of(&self.rest, contact)
@@ -229,8 +235,8 @@ impl CalibratedSpace {
         self.error.covariance_n2_m2(&self.domain, at)
     }
 
-    /// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the contact
-    /// is displaced; upwards where it is not.
+    /// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the
+    /// contact is displaced; upwards where it is not.
     pub fn normal(&self, at: Around) -> Vector3<f64> {
         if let Some(geometry) = self.geometry() {
             return geometry.at(self.domain.clamp(at)).normal;

@@ -10,13 +10,12 @@
 //! end; each whisker has a board of its own.
 
 mod board;
-mod characteristic;
 mod common_mode;
 
 use anyhow::{Context, ensure};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use trace::{SpatialCharacteristic, SpatialSensor};
 use whisker::estimators::parse;
 
 use super::board::samples_in;
@@ -26,32 +25,13 @@ use crate::front_end::spatial::{BendingAxes, SpatialChain, SpatialInput, Spatial
 use crate::statistics::{mean, rms};
 use board::{Board, BoardReader, Counts, rotation_of};
 
-pub use characteristic::SpatialCharacteristic;
-
 pub(in crate::front_end) fn build(config: &Value) -> anyhow::Result<Box<dyn SpatialChain>> {
     Ok(Box::new(Hall { config: parse(config)? }))
 }
 
-/// Calibration of a three-axis Hall sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpatialSensor {
-    /// Name of the sensor, that of its whisker.
-    pub name: String,
-    /// Common-mode coefficients: counts of each axis of this sensor per count of each axis of the reference, by rows.
-    pub common_mode: [[f64; 3]; 3],
-    /// Response of the counts to the bending, after common-mode compensation.
-    pub characteristic: SpatialCharacteristic,
-    /// RMS of the noise of each bending moment at rest, for the part that varies within a recording (N m).
-    pub noise_sd_n_m: [f64; 2],
-    /// Standard deviation of the offset of each bending moment at rest, constant within a recording (N m).
-    pub offset_sd_n_m: [f64; 2],
-}
-
-impl SpatialSensor {
-    fn common_mode(&self) -> Matrix3<f64> {
-        Matrix3::from_fn(|row, column| self.common_mode[row][column])
-    }
+/// Counts of each axis of a sensor per count of each axis of its reference, 3x3.
+fn of_reference(sensor: &SpatialSensor) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| sensor.common_mode[row][column])
 }
 
 /// Hall front end with its settings.
@@ -94,7 +74,7 @@ impl Hall {
     /// RMS of each bending moment over recordings at rest: of the variation within a recording, and of its mean.
     fn rest_sd_n_m(&self, sensor: &SpatialSensor, seed: u64, dt_s: f64) -> ([f64; 2], [f64; 2]) {
         let board = Board::new(&self.config, &sensor.name);
-        let (common_mode, still) = (sensor.common_mode(), Rotation3::identity());
+        let (common_mode, still) = (of_reference(sensor), Rotation3::identity());
         let mut changing = [Vec::new(), Vec::new()];
         let mut staying = [Vec::new(), Vec::new()];
         for rest in 0..RESTS {
@@ -117,6 +97,10 @@ impl Hall {
 }
 
 impl SpatialChain for Hall {
+    fn has_sensor(&self) -> bool {
+        true
+    }
+
     fn axes(&self) -> BendingAxes {
         BendingAxes::Springs
     }
@@ -165,7 +149,7 @@ impl SpatialChain for Hall {
             .context("a Hall sensor reads counts and must be calibrated: found no calibration of the sensor")?;
         let (found, expected) = (&sensor.name, &input.sidecar.whisker.name);
         ensure!(found == expected, "found the calibration of the sensor `{found}`, expected that of `{expected}`");
-        let counts = self.counts(input, &sensor.common_mode());
+        let counts = self.counts(input, &of_reference(sensor));
         let reading = |counts: Vector3<f64>| SpatialReading {
             bending_n_m: sensor.characteristic.bending_n_m(counts),
             torsion_n_m: None,

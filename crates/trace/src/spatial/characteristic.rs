@@ -57,6 +57,17 @@ impl SpatialCharacteristic {
         (least > 0.0 && scaled.iter().all(|at| sensitivity(at) > least)).then_some(fitted)
     }
 
+    /// Number of coefficients of each axis.
+    pub(super) fn terms() -> usize {
+        exponents().count()
+    }
+
+    /// Whether scale and coefficients describe a response.
+    pub(super) fn is_valid(&self) -> bool {
+        let is_complete = |axis: &Vec<f64>| axis.len() == Self::terms() && axis.iter().all(|number| number.is_finite());
+        self.scale_n_m.is_finite() && self.scale_n_m > 0.0 && self.coefficients.iter().all(is_complete)
+    }
+
     /// Counts for bending moments (N m) about y and z.
     pub fn counts(&self, bending_n_m: [f64; 2]) -> Vector3<f64> {
         self.at(&(Vector2::from(bending_n_m) / self.scale_n_m))
