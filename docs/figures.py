@@ -8,8 +8,8 @@ A measured value stands between two comments, of which the first names its sourc
 
 Between the first comment's `=` and its end stand, separated by spaces:
 
-1. optionally `min`, `max`, `median`, `p5`, `p95` (percentiles), `rms` (root mean square), `sum` or `count`, applied to all values whose
-   keys match;
+1. optionally `min`, `max`, `median`, `p5`, `p95` (percentiles), `rms` (root mean square), `sum` or `count`, applied to all values
+   whose keys match;
 2. the key: the table, a dot, and the cells of its key columns and the name of a column, joined by `/`. Without a column, that of
    the measured value. Within a cell, `*` stands for any characters; `0.5..1` stands for all numbers of that range. Spaces are
    written as `_`;

@@ -106,8 +106,8 @@ impl Estimate {
         self.estimate.friction.map(|friction| friction.sd)
     }
 
-    /// Velocity of the object relative to the world (2), in Base (m/s), under the assumption that it moves. `None` if the method does
-    /// not estimate it, or holds it improbable that the object moves.
+    /// Velocity of the object relative to the world (2), in Base (m/s), under the assumption that it moves. `None` if the method
+    /// does not estimate it, or holds it improbable that the object moves.
     #[getter]
     fn velocity_m_s<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         Some(PyArray1::from_slice(py, self.estimate.velocity?.velocity_m_s.as_slice()))
@@ -119,9 +119,10 @@ impl Estimate {
         Some(square(py, &self.estimate.velocity?.covariance_m2_s2))
     }
 
-    /// Deviation of the sensor from its calibration, under the assumption that gain and mounting deviate: value and standard deviation
-    /// by name. `gain` is the relative error of the gain; `mount_rad`, `mount_x_m` and `mount_y_m` are the pose of the calibrated Base
-    /// in the actual one. `None` if the method does not estimate it, or holds it improbable that the sensor deviates.
+    /// Deviation of the sensor from its calibration, under the assumption that gain and mounting deviate: value and standard
+    /// deviation by name. `gain` is the relative error of the gain; `mount_rad`, `mount_x_m` and `mount_y_m` are the pose of the
+    /// calibrated Base in the actual one. `None` if the method does not estimate it, or holds it improbable that the sensor
+    /// deviates.
     #[getter]
     fn deviation<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(found) = self.estimate.installation else { return Ok(None) };

@@ -164,9 +164,9 @@ impl Replay {
         Ok(models)
     }
 
-    /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius,
-    /// friction, velocity of the object, deviation of the sensor and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip`, `model_doubtful` and
-    /// `second_contact`, where there is no value.
+    /// The columns of `whisker replay`, a structured array (n): base, contact and surface in World, covariance, radius, friction,
+    /// velocity of the object, deviation of the sensor and truth. NaN, empty text, and -1 for the flags `calibrated`, `at_tip`,
+    /// `model_doubtful` and `second_contact`, where there is no value.
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = self.rows();

@@ -95,6 +95,8 @@ pub struct Whisker {
     elastica: Elastica,
     out: Output,
     last: Option<Answer>,
+    /// The last stated deviation of the sensor.
+    deviation: Option<Installation>,
     /// Arrival of the last answered reading.
     answered_s: Option<f64>,
     blocked: Option<Status>,
@@ -121,7 +123,8 @@ impl Whisker {
         let elastica = Elastica::new(&fixed.knowledge.whisker)?;
         let (out, last, window) = (Output::default(), None, Window::default());
         let (answered_s, blocked) = (None, None);
-        Ok(Self { fixed, estimator, counts, observer, elastica, out, last, answered_s, blocked, window })
+        let deviation = None;
+        Ok(Self { fixed, estimator, counts, observer, elastica, out, last, deviation, answered_s, blocked, window })
     }
 
     /// Name of the whisker.
@@ -207,7 +210,10 @@ impl Whisker {
     /// Takes the answers of the estimator.
     fn answer(&mut self, taken: &mut Taken) {
         for event in self.out.events.drain(..) {
-            self.window.jumps += u64::from(matches!(event, Event::Jumped { .. }));
+            if matches!(event, Event::Jumped { .. }) {
+                self.window.jumps += 1;
+                self.deviation = None;
+            }
             taken.events.push(event);
         }
         for answer in std::mem::take(&mut self.out.answers) {
@@ -225,6 +231,7 @@ impl Whisker {
             self.observer.observe(&self.fixed.knowledge, &known, answer.reading_n_m, answer.estimate.as_ref());
             self.observer.view_mut().limit(MOST_POINTS);
             if let Some(estimate) = &answer.estimate {
+                self.deviation = estimate.installation.or(self.deviation);
                 self.window.estimates += 1;
                 self.window.doubtful += u64::from(estimate.model_doubtful);
                 if let Some(innovation) = estimate.innovation {
@@ -334,10 +341,12 @@ impl Whisker {
             values.push(("counts_incomplete", counts.incomplete.to_string()));
             values.push(("counts_late", counts.late.to_string()));
         }
-        let deviation = self.last.as_ref().and_then(|answer| answer.estimate?.installation);
-        values.extend(deviation.iter().flat_map(Installation::by_name).map(|(name, Uncertain { value, sd })| {
-            (name, format!("{value:.2e} (standard deviation {sd:.1e})"))
-        }));
+        values.extend(
+            self.deviation
+                .iter()
+                .flat_map(Installation::by_name)
+                .map(|(name, Uncertain { value, sd })| (name, format!("{value:.2e} (standard deviation {sd:.1e})"))),
+        );
         let values = values.into_iter().map(|(key, value)| KeyValue { key: key.into(), value }).collect();
         DiagnosticStatus {
             level,

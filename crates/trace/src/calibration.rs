@@ -308,7 +308,7 @@ impl CalibrationFile {
                         .into(),
                 ),
                 (Some(label), false) => (known.join(", "), format!("`{label}` among them")),
-                (None, false) => (known.join(", "), "the name of one of them, or one alone".into()),
+                (None, false) => (known.join(", "), "the name of one of them, or a calibration with one sensor".into()),
             };
             Error::value(path, if self.front_end.is_some() { FRONT_END_SENSORS } else { SENSOR }, found, expected)
         })

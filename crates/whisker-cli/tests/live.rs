@@ -294,7 +294,7 @@ fn robust_counts_that_cannot_be_converted_are_named() {
     let none = ["stdin: line 2, counts: found those of a whisker", without.as_str(), "has no sensor", "reading_n_m"];
     one_error(&without, &first, counts.clone(), 3, &none);
     // A calibration through a front end is one of moments unless the first line states otherwise.
-    one_error(&with, &first, counts.clone(), 3, &["first line states no sensor", "sensor.json: a.s"]);
+    one_error(&with, &first, counts.clone(), 3, &["none of sensor, zeroing_s and modulo", "sensor.json: a.s"]);
     let both = changed(&counts, json!({"reading_n_m": 0}));
     one_error(&without, &first, both, 3, &["stdin: line 2, found reading_n_m and counts, expected one of the two"]);
     let of_sensor = changed(&first, json!({"sensor": "a.s"}));
@@ -302,7 +302,7 @@ fn robust_counts_that_cannot_be_converted_are_named() {
 
     for (calibration, keys, words) in [
         (&without, json!({"zeroing_s": 1}), ["sensor: found none", "whisker fit"]),
-        (&without, json!({"noise_sd_n_m": null}), ["noise_sd_n_m: found none", "states no sensor"]),
+        (&without, json!({"noise_sd_n_m": null}), ["noise_sd_n_m: found none", "names no sensor of"]),
         (&with, json!({"sensor": "a.t"}), ["front_end.sensors: found a.s", "`a.t` among them"]),
         (&with, json!({"zeroing_s": 0}), ["zeroing_s: found 0", "0.01 to 60"]),
         (&with, json!({"modulo": 1}), ["modulo: found 1", "2 to 4294967296"]),

@@ -68,8 +68,8 @@ const MISCALIBRATIONS: &[&str] = &[
     r#"{"stiffness": 0.05}"#,
 ];
 
-/// Deviations of gain and mounting together: half of the combinations of two values of opposite signs of each, so that no two of them
-/// are correlated. The values are the root mean squares of those that the random suites draw, as are the priors of the bound.
+/// Deviations of gain and mounting together: half of the combinations of two values of opposite signs of each, so that no two of
+/// them are correlated. The values are the root mean squares of those that the random suites draw, as are the priors of the bound.
 const INSTALLATIONS: &[&str] = &[
     r#"{"gain": 0.021, "mount_rad": 0.004, "mount_x_m": 0.00014, "mount_y_m": 0.00014}"#,
     r#"{"gain": 0.021, "mount_rad": 0.004, "mount_x_m": -0.00014, "mount_y_m": -0.00014}"#,

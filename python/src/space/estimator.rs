@@ -11,7 +11,7 @@ use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::{Value, json};
-use testbed::space::replay::{SpatialSteps, registered};
+use testbed::space::replay::{SpatialSteps, read_by, registered};
 
 use super::calibration::SpatialCalibration;
 use super::pose::{motion, placed};
@@ -32,8 +32,9 @@ pub(crate) fn spatial_estimators(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 
 /// Registered estimator in space with its contact detector.
 ///
-/// `name` is one of `spatial_estimators()`, `noise_sd_n_m` the standard deviation of the measurement noise of each bending
-/// moment (N m), `rate_hz` the sampling rate, and `settings` a dictionary over the estimator's defaults.
+/// `name` is one of `spatial_estimators()`, `noise_sd_n_m` the standard deviation of the measurement noise of each bending moment
+/// (N m), `rate_hz` the sampling rate, and `settings` a dictionary over the estimator's defaults. With a calibration through a
+/// front end, readings are those of its sensor, as in `SpatialTrial.readings_n_m`, and `noise_sd_n_m` includes the sensor's noise.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialEstimator {
     row: &'static SpatialEstimatorRow,
@@ -107,7 +108,8 @@ impl SpatialEstimator {
         check_rate(rate_hz)?;
         let row = registered(name).map_err(raised)?;
         let config = settings_over(name, row.defaults(), settings)?;
-        let knowledge = Arc::new(Knowledge { calibrated: calibration.calibrated.clone(), noise_sd_n_m, rate_hz });
+        let calibrated = read_by(&calibration.calibrated, calibration.file.sensor());
+        let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz });
         let running = Mutex::new(start(row, &config, &knowledge)?.into());
         Ok(Self { row, config, knowledge, running })
     }

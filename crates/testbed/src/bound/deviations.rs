@@ -49,12 +49,15 @@ const VALUES: [(&str, f64, f64); COUNT] = [
 /// Names of the deviations that a method with unknown gain and mounting estimates.
 const INSTALLATION: [&str; 4] = ["gain", "mount_rad", "mount_x_m", "mount_y_m"];
 
-/// Bounds of what an estimator may state beside the contact after the last reading of a trace, as standard deviations.
+/// Bounds of what an estimator may state beside the contact after the last reading of a trace, as standard deviations, with an
+/// object of unknown size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuantityBounds {
-    /// Deviations of the sensor: gain, yaw and position of the mounting, if none of these is known to be zero.
+    /// Gain, and yaw (rad) and position (m) of the mounting. All of them are unknown, as are the other deviations that are not
+    /// zero.
     pub installation: [f64; 4],
-    /// Velocity of the object in World (m/s), x and y. `None` if it is at rest.
+    /// Velocity of the object in World (m/s), x and y, with a prior standard deviation of [`VELOCITY_SD_M_S`]; the deviations that
+    /// are not zero are unknown. `None` if the object is at rest.
     pub velocity_m_s: Option<[f64; 2]>,
 }
 
@@ -308,8 +311,8 @@ mod tests {
         assert_eq!(size_variance("unknown"), 0.0);
     }
 
-    /// Readings of a contact at a known place with the same derivative by the gain determine the gain as a mean does; what they do not
-    /// depend on keeps its prior.
+    /// Readings of a contact at a known place with the same derivative by the gain determine the gain as a mean does; what they do
+    /// not depend on keeps its prior.
     #[test]
     fn verif_the_bound_of_the_gain_is_that_of_a_mean() {
         let exact = Miscalibration::default();
@@ -320,7 +323,13 @@ mod tests {
         for _ in 0..400 {
             let by_deviations = std::array::from_fn(|i| if i == 0 { 2e-5 } else { 0.0 });
             let (by_contact, moved_m) = (Vector2::zeros(), Vector2::zeros());
-            joint.update(&JointReading { by_contact, moved_m, since_touch_s: 0.0, by_deviations, variance_n2_m2: 1e-14 });
+            joint.update(&JointReading {
+                by_contact,
+                moved_m,
+                since_touch_s: 0.0,
+                by_deviations,
+                variance_n2_m2: 1e-14,
+            });
         }
         let [gain, yaw, ..] = joint.installation_sds();
         let of_mean = 1e-7 / 2e-5 / 20.0;

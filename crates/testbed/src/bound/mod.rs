@@ -164,8 +164,7 @@ impl TraceBound {
         self
     }
 
-    /// Bounds of what may be stated beside the contact after the last reading, with unknown deviations and an unknown size of the object.
-    /// `None` before [`Self::with_deviations`].
+    /// Bounds of what may be stated beside the contact after the last reading. `None` before [`Self::with_deviations`].
     pub fn quantities(&self) -> Option<&QuantityBounds> {
         self.quantities.as_ref()
     }

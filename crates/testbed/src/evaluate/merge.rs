@@ -24,8 +24,8 @@ use crate::results::files::{
     CONSISTENCY, CONTOUR_TRIALS, CONTOURS, ERROR_OVER_TIME, FAILURES, MAP_OBJECTS, MAPS, QUANTITIES, SUMMARY, TRIALS,
 };
 use crate::results::{
-    ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, QuantityRow, RunFile, SetKey, SetName, SummaryHead, SummaryRow,
-    TableFile, TrialRow, csv_bytes, score_bytes,
+    ContourTrialRow, FailureRow, Keyed, MapObjectRow, MapRow, QuantityRow, RunFile, SetKey, SetName, SummaryHead,
+    SummaryRow, TableFile, TrialRow, csv_bytes, score_bytes,
 };
 use crate::statistics::{mean, quantile};
 

@@ -55,6 +55,12 @@ impl TrialSpec {
         )
     }
 
+    /// Whether the deviation of the sensor and the velocity of the object are known, and the estimator is alone: unknown are those
+    /// of real sensors and of modelled ones.
+    pub(super) fn knows_quantities(&self) -> bool {
+        self.array.is_none() && self.sensor.is_none() && self.sidecar.recorded.is_none()
+    }
+
     /// Noise of the known pose of the base.
     pub(super) fn base_noise(&self) -> BaseNoise {
         self.array.as_ref().map(ArrayMember::base_noise).unwrap_or_default()

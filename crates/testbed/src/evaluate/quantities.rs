@@ -30,7 +30,8 @@ pub(super) fn quantity_rows(
     let trace = &scored.trial.trace;
     let deviations = estimate.installation.map(|found| of_installation(&found, miscalibration, bounds));
     let base = &trace.recording.instants[contact.row].base;
-    let velocity = estimate.velocity.map(|found| of_velocity(&found, base, trace.sidecar.object_velocity_m_s(), bounds));
+    let velocity =
+        estimate.velocity.map(|found| of_velocity(&found, base, trace.sidecar.object_velocity_m_s(), bounds));
     let contact_s = (index + 1) as f64 / trace.sidecar.rate_hz;
     let row = |(quantity, truth, estimate, sd, bound): Stated| QuantityRow {
         quantity: quantity.into(),
@@ -65,8 +66,9 @@ fn of_velocity(
     truth: [f64; 2],
     bounds: Option<&QuantityBounds>,
 ) -> [Stated; 2] {
-    let Velocity { velocity_m_s: velocity, covariance_m2_s2: covariance } = found.turned(base);
+    let found = found.turned(base);
+    let (velocity_m_s, sds_m_s) = (found.velocity_m_s, found.sds_m_s());
     let bound = |i: usize| bounds.and_then(|bounds| bounds.velocity_m_s).map(|bound| bound[i]);
-    let of_axis = |name, i: usize| (name, truth[i], velocity[i], covariance[(i, i)].max(0.0).sqrt(), bound(i));
+    let of_axis = |name, axis: usize| (name, truth[axis], velocity_m_s[axis], sds_m_s[axis], bound(axis));
     [of_axis("object_vx_m_s", 0), of_axis("object_vy_m_s", 1)]
 }

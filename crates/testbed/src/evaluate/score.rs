@@ -49,7 +49,8 @@ impl TrialJob<'_> {
         if self.loaded.spec.sidecar.object_class().has_outline() {
             results.contours.push(self.contour_row(&trial, estimator, contour.as_ref(), scored.as_ref()));
         }
-        if let Some(scored) = scored.as_ref().filter(|_| self.loaded.spec.array.is_none()) {
+        let is_known = self.loaded.spec.knows_quantities();
+        if let Some(scored) = scored.as_ref().filter(|_| is_known) {
             results.quantities.extend(self.quantity_rows(sensed, estimator, scored));
         }
         results.estimators.extend(scored.map(|scored| self.estimator_result(estimator, replay, &scored)));

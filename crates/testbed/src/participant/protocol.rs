@@ -361,8 +361,7 @@ impl AnswerLine {
         let Some(estimate) = estimate else { return Self::default() };
         let covariance = estimate.covariance_m2;
         let velocity = |axis: usize| estimate.velocity.map(|velocity| velocity.velocity_m_s[axis]);
-        let variance = |axis: usize| estimate.velocity.map(|velocity| velocity.covariance_m2_s2[(axis, axis)]);
-        let velocity_sd = |axis: usize| variance(axis).map(|variance| variance.max(0.0).sqrt());
+        let velocity_sd = |axis: usize| estimate.velocity.map(|velocity| velocity.sds_m_s()[axis]);
         let deviates = estimate.installation;
         Self {
             face: Some(estimate.face),

@@ -97,7 +97,7 @@ pub fn estimate_row(
     let covariance = estimate.and_then(|e| e.covariance_m2).map(|p| known.base.turn(p));
     let moves = estimate.and_then(|e| e.velocity).map(|velocity| velocity.turned(&known.base));
     let velocity = |axis: usize| moves.map(|velocity| velocity.velocity_m_s[axis]);
-    let velocity_sd = |axis: usize| moves.map(|velocity| velocity.covariance_m2_s2[(axis, axis)].max(0.0).sqrt());
+    let velocity_sd = |axis: usize| moves.map(|velocity| velocity.sds_m_s()[axis]);
     let deviates = estimate.and_then(|e| e.installation);
     EstimateRow {
         t_s: known.t_s,

@@ -81,16 +81,19 @@ pub fn knowledge(
     sensor: Option<&SpatialSensor>,
     rate_hz: f64,
 ) -> Arc<Knowledge> {
-    let rms = |[y_n_m, z_n_m]: [f64; 2]| y_n_m.hypot(z_n_m) * FRAC_1_SQRT_2;
-    let knowledge = match sensor {
-        None => Knowledge { calibrated: calibrated.clone(), noise_sd_n_m: added_sd_n_m, rate_hz },
-        Some(sensor) => Knowledge {
-            calibrated: Arc::new(calibrated.read_by(rms(sensor.offset_sd_n_m))),
-            noise_sd_n_m: added_sd_n_m.hypot(rms(sensor.noise_sd_n_m)),
-            rate_hz,
-        },
-    };
-    Arc::new(knowledge)
+    let of_sensor_n_m = sensor.map_or(0.0, |sensor| rms(sensor.noise_sd_n_m));
+    let noise_sd_n_m = added_sd_n_m.hypot(of_sensor_n_m);
+    Arc::new(Knowledge { calibrated: read_by(calibrated, sensor), noise_sd_n_m, rate_hz })
+}
+
+/// The calibrated whisker with the offset of a sensor, if there is one, in the error of its sensor model.
+pub fn read_by(calibrated: &Arc<CalibratedSpace>, sensor: Option<&SpatialSensor>) -> Arc<CalibratedSpace> {
+    sensor.map_or_else(|| calibrated.clone(), |sensor| Arc::new(calibrated.read_by(rms(sensor.offset_sd_n_m))))
+}
+
+/// Standard deviation in an average direction of bending, from those of both moments.
+fn rms([y_n_m, z_n_m]: [f64; 2]) -> f64 {
+    y_n_m.hypot(z_n_m) * FRAC_1_SQRT_2
 }
 
 /// Samples of a robot: base motions from the recorded poses, and readings.

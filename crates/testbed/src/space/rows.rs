@@ -17,8 +17,8 @@ pub struct SpatialTrialRow {
     pub seed: u64,
     /// Standard deviation of the noise of each moment.
     pub noise_sd_n_m: f64,
-    /// Share of the instants with an expected estimate that have one. An estimate is expected if the true contact lies in the calibrated
-    /// domain, not at the tip and not at several places. `None` if there is no such instant.
+    /// Share of the instants with an expected estimate that have one. An estimate is expected if the true contact lies in the
+    /// calibrated domain, not at the tip and not at several places. `None` if there is no such instant.
     pub answered: Option<f64>,
     /// RMS error of the contact, over all instants with an estimate.
     pub rmse_m: Option<f64>,
@@ -41,14 +41,15 @@ pub struct SpatialTrialRow {
     pub direction_rad: Option<f64>,
     /// RMS of the bound of this angle with an unknown object.
     pub direction_bound_rad: Option<f64>,
-    /// Error of the last stated radius relative to the true one, positive if it is too large. `None` unless the solid is a sphere or
-    /// a cylinder.
+    /// Error of the last stated radius relative to the true one, positive if it is too large. `None` unless the solid is a sphere
+    /// or a cylinder.
     pub radius_error: Option<f64>,
     /// Bound of that error with an unknown object, at the instant of the radius.
     pub radius_bound: Option<f64>,
     /// Whether the 95 % interval of that radius contains the true one: 1 or 0.
     pub radius_coverage: Option<f64>,
-    /// Mean distance of the estimated points of the surface from the touched edge of a box, over the instants with a contact on one.
+    /// Mean distance of the estimated points of the surface from the touched edge of a box, over the instants with a contact on
+    /// one.
     pub edge_m: Option<f64>,
     /// The same of the touched corner of a box.
     pub corner_m: Option<f64>,
@@ -58,8 +59,8 @@ pub struct SpatialTrialRow {
     pub nees_samples: Option<f64>,
     /// Time of contact with an estimate, from the touch on.
     pub contact_s: f64,
-    /// Share of the estimates, from the touch on, at which the readings contradict the models of the method. `None` for methods that
-    /// do not judge them.
+    /// Share of the estimates, from the touch on, at which the readings contradict the models of the method. `None` for methods
+    /// that do not judge them.
     pub doubted: Option<f64>,
     /// Time from the touch until the readings first contradict the models. `None` if they never do.
     pub doubt_time_s: Option<f64>,

@@ -14,7 +14,7 @@ use whisker::space::sensor::{
 };
 
 use super::sidecar::{check_whisker, other_format};
-use super::{SPATIAL_FORMAT, SpatialFrontEndFile, StatedSuspension};
+use super::{SPATIAL_FORMAT, SpatialFrontEndFile, SpatialSensor, StatedSuspension};
 use crate::FittedData;
 use crate::calibration::MOST_NOISE;
 use crate::sidecar::plain_name;
@@ -151,6 +151,11 @@ impl SpatialCalibrationFile {
         self.models.iter().find(|model| model.label == label)
     }
 
+    /// The sensor of the front end through which the calibration was made. `None` if its readings are the moments themselves.
+    pub fn sensor(&self) -> Option<&SpatialSensor> {
+        self.front_end.as_ref()?.sensor(&self.whisker.name)
+    }
+
     /// Loads the model of this label, or the chosen model if `label` is `None`. `path` is used in error messages.
     ///
     /// # Errors
@@ -210,7 +215,14 @@ impl SpatialCalibrationFile {
             return Err(Error::value(path, "noise_fraction", self.noise_fraction, format!("0 to {MOST_NOISE}")));
         }
         check_whisker(path, &self.spatial_whisker())?;
-        self.front_end.iter().try_for_each(|front_end| front_end.check(path))?;
+        if let Some(front_end) = &self.front_end {
+            front_end.check(path)?;
+            let names: Vec<&str> = front_end.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+            if names.iter().any(|name| *name != self.whisker.name) || names.len() > 1 {
+                let expected = format!("none, or that of the whisker, `{}`", self.whisker.name);
+                return Err(Error::value(path, "front_end.sensors", names.join(", "), expected));
+            }
+        }
         let found = models_sha256(&self.domain, &self.models);
         if found != self.models_sha256 {
             let expected = format!("{found}, the hash of domain and models");

@@ -42,7 +42,7 @@ pub struct SpatialSensor {
     pub common_mode: [[f64; 3]; 3],
     /// Response of the counts to the bending, after common-mode compensation.
     pub characteristic: SpatialCharacteristic,
-    /// RMS of the noise of each bending moment at rest, for the part that varies within a recording (N m).
+    /// RMS, for each bending moment at rest, of the part of the noise that varies within a recording (N m).
     pub noise_sd_n_m: [f64; 2],
     /// Standard deviation of the offset of each bending moment at rest, constant within a recording (N m).
     pub offset_sd_n_m: [f64; 2],

@@ -41,8 +41,7 @@ use testbed::dataset::Dataset;
 use testbed::metrics::Metric;
 use testbed::results::{
     ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, QuantityRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
-    csv_bytes,
-    read_rows, read_scores,
+    csv_bytes, read_rows, read_scores,
 };
 use testbed::space::SpatialRun;
 use testbed::space::evaluate::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};

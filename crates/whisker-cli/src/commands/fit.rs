@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("gated: {gated} of {rows} readings of {trace}, far above all others");
     }
     for reason in fitted.iter().flat_map(|whisker| &whisker.no_sensor) {
-        eprintln!("no sensor, so that live estimation takes no counts: {reason}");
+        eprintln!("the calibration has no sensor, so that it cannot convert counts: {reason}");
     }
     let mut rows = Vec::new();
     for whisker in &fitted {

@@ -90,10 +90,10 @@ pub struct Estimate {
     /// Coefficient of friction between whisker and object. `None` if the method does not estimate it or the readings do not
     /// determine it.
     pub friction: Option<FrictionCoefficient>,
-    /// Velocity of the object in the world. `None` if the method does not estimate it, or holds it improbable that the object moves.
+    /// Velocity of the object in the world. `None` if the method does not estimate it, or considers a motion too improbable.
     pub velocity: Option<Velocity>,
-    /// Deviation of the sensor from its calibration. `None` if the method does not estimate it, or holds it improbable that the sensor
-    /// deviates.
+    /// Deviation of the sensor from its calibration. `None` if the method does not estimate it, or considers a deviation too
+    /// improbable.
     pub installation: Option<Installation>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,

@@ -44,18 +44,20 @@ impl Velocity {
     /// The velocity in another frame, in which this one has the pose `frame`.
     #[must_use]
     pub fn turned<To>(&self, frame: &Pose<Base, To>) -> Self {
-        Self {
-            velocity_m_s: frame.rotation() * self.velocity_m_s,
-            covariance_m2_s2: frame.turn(self.covariance_m2_s2),
-        }
+        Self { velocity_m_s: frame.rotation() * self.velocity_m_s, covariance_m2_s2: frame.turn(self.covariance_m2_s2) }
+    }
+
+    /// Standard deviations in both directions (m/s).
+    pub fn sds_m_s(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.covariance_m2_s2[(axis, axis)].max(0.0).sqrt())
     }
 }
 
 /// Estimated deviation of a sensor from its calibration, under the assumption that gain and mounting deviate.
 ///
-/// The mounting is the pose of the calibrated Base in the actual one, as the keys `mount_rad`, `mount_x_m` and `mount_y_m` of
-/// `whisker evaluate --miscalibrate` state it: a robot that computes the pose of the calibrated Base is at the pose of the actual one
-/// after the inverse of this pose.
+/// The mounting is the pose `mount` of the calibrated Base in the actual one, as the keys `mount_rad`, `mount_x_m` and `mount_y_m`
+/// of `whisker evaluate --miscalibrate`. A robot computes the pose `nominal` of the calibrated Base; that of the actual one is
+/// `nominal * inverse(mount)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Installation {
     /// Relative error `g` of the gain: readings are `1 + g` times those of the calibrated sensor.

@@ -1,5 +1,5 @@
-//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex or move, and of
-//! a sensor that deviates from its calibration.
+//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex or move,
+//! and of a sensor that deviates from its calibration.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};
@@ -23,7 +23,7 @@ const FRICTION: &str = "friction";
 /// Suite of objects that are not convex or move.
 const HOLLOW: &str = "hollow";
 
-/// Suite of contacts of twenty seconds, for a sensor whose gain and mounting deviate.
+/// Suite of contacts of 22 s, for a sensor whose gain and mounting deviate.
 const DEVIATIONS: &str = "deviations";
 
 /// Seeds of the measurement noise of the suites `friction` and `hollow`, as docs/CERTAINTY.md states.

@@ -282,7 +282,12 @@ where
             }
             match reading {
                 Some(Taken::Reading(reading_n_m)) => estimator.reading(t_s, reading_n_m, at_s, &mut out)?,
-                Some(Taken::LeftOut(status)) => locked(sink).leave_out(name, t_s, status)?,
+                Some(Taken::LeftOut(status)) => {
+                    // After the answers to earlier readings.
+                    let mut sink = locked(sink);
+                    sink.take(name, &mut out)?;
+                    sink.leave_out(name, t_s, status)?;
+                }
                 None => {}
             }
         }
@@ -494,7 +499,8 @@ impl CountsOf {
             }
             let known = known.join(", ");
             format!(
-                "counts: found those of a whisker whose first line states no sensor, expected there one of {path}: {known}"
+                "counts: found some, although the first line of the whisker states none of sensor, zeroing_s and modulo; \
+                 expected one of them for the sensors of {path}: {known}"
             )
         };
         Self { counts: sensor.map(conversion).ok_or_else(reason), has_common_mode, path: path.into() }
@@ -538,7 +544,11 @@ impl Method for InPlane {
     ) -> anyhow::Result<Begun<Self>> {
         let sensor = CountsOf::sensor(calibration, path, prior)?;
         let noise_sd_n_m = prior.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
-            format!("noise_sd_n_m: found none, expected that of the moments, since {} states no sensor", path.display())
+            format!(
+                "noise_sd_n_m: found none, expected the standard deviation of the noise: the first line names no sensor of {}, \
+                 and that calibration has none of recordings",
+                path.display()
+            )
         })?;
         check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
         let whisker = &calibration.whisker;
@@ -641,7 +651,7 @@ impl Method for OfSpace {
             );
         }
         let knowledge = Arc::new(SpatialKnowledge {
-            calibrated: calibration.calibrated(path, None)?,
+            calibrated: testbed::space::replay::read_by(&calibration.calibrated(path, None)?, calibration.sensor()),
             noise_sd_n_m: prior.noise_sd_n_m,
             rate_hz: prior.rate_hz,
         });

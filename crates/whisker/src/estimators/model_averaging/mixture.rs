@@ -61,7 +61,8 @@ impl AveragingTracker {
         let size = Gaussian::of_mixture(moving().filter_map(size));
         // Likewise, the candidates without friction state no coefficient.
         let friction = Gaussian::of_mixture(moving().filter_map(rubs));
-        // Velocity and deviation are those under the assumption that the object moves or the sensor deviates, however probable it is.
+        // Velocity and deviation hold under the assumption that the object moves, or that the sensor deviates: their candidates
+        // count with the probabilities among themselves.
         let velocities = parts.iter().filter_map(|part| {
             let Velocity { velocity_m_s, covariance_m2_s2 } = part.estimate.velocity?;
             Some((Gaussian::new(velocity_m_s, covariance_m2_s2), part.share))
@@ -69,7 +70,8 @@ impl AveragingTracker {
         let velocity = Gaussian::of_mixture(velocities)
             .map(|Gaussian { mean, covariance }| Velocity { velocity_m_s: mean, covariance_m2_s2: covariance });
         let deviating = parts.iter().filter(|part| part.estimate.installation.is_some());
-        let installation = deviating.max_by(|a, b| a.share.total_cmp(&b.share)).and_then(|part| part.estimate.installation);
+        let installation =
+            deviating.max_by(|a, b| a.share.total_cmp(&b.share)).and_then(|part| part.estimate.installation);
         let about_shift = |places: Gaussian<2>| {
             let apart = places.mean - shift;
             places.covariance + apart * apart.transpose()

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Motion;
 use super::round::{Round, Wandering};
-use crate::estimators::{Estimate, Sample, Velocity};
 use crate::estimators::side::{Side, StateIndices};
+use crate::estimators::{Estimate, Sample, Velocity};
 use crate::frames::{Base, Pose};
 use crate::sensor::CalibratedFace;
 use crate::settings::{SettingsError, within};

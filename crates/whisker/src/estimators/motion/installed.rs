@@ -236,7 +236,8 @@ mod tests {
     #[test]
     fn verif_the_stated_mounting_is_the_calibrated_frame_in_the_actual_one() {
         let x = state();
-        let covariance = SMatrix::<f64, 8, 8>::from_diagonal(&SVector::from([1.0, 1.0, 1.0, 1.0, 4e-4, 1e-6, 4e-8, 9e-8]));
+        let covariance =
+            SMatrix::<f64, 8, 8>::from_diagonal(&SVector::from([1.0, 1.0, 1.0, 1.0, 4e-4, 1e-6, 4e-8, 9e-8]));
         let found = installation(&Gaussian::new(x, covariance));
         let stated = Pose::<Base, Base>::new(found.mount_x_m.value, found.mount_y_m.value, found.mount_rad.value);
         let together = stated.then(&mounting(&x));
