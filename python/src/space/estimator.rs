@@ -291,8 +291,8 @@ impl SpatialEstimate {
         Ok(Some(models))
     }
 
-    /// Innovation (2) of the last update (N m): bending moments minus predicted ones, about y and z of Base. `None` where there is
-    /// none, as at the touch.
+    /// Innovation (2) of the last update (N m): bending moments minus predicted ones, about the axes of the readings. `None` where
+    /// there is none, as at the touch.
     #[getter]
     fn innovation_n_m<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         self.estimate.innovation.map(|innovation| array(py, &innovation.residual))

@@ -76,7 +76,8 @@ impl SpatialReplay {
         column(py, self.instants.iter().map(|now| Some(now.t_s)))
     }
 
-    /// Bending moments (n, 2) about y and z of Base that the estimator was given, in N m.
+    /// Bending moments (n, 2) about y and z of Base that the estimator was given, in N m; through a front end with a sensor, about
+    /// the axes of the suspension's springs.
     #[getter]
     fn readings_n_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         vectors(py, self.readings_n_m.iter().map(|reading_n_m| Some(*reading_n_m)))

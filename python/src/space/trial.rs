@@ -31,11 +31,11 @@ use crate::trial::front_end_of;
 /// A trace in space with measurement noise, as `whisker replay` and `whisker evaluate` give it to an estimator, and with the truth
 /// that estimates are scored against.
 ///
-/// `noise` is the standard deviation of the noise of each bending moment, as a fraction of the trace's largest bending moment, by
-/// default 0.01, and 0 for a front end with its own noise; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and
-/// of the front end. `front_end` is the sensor between moment and reading, see `spatial_front_ends()`, with the settings
-/// `front_end_settings`. The calibration must be one of the trace's whisker through the same front end. `ValueError` names a wrong
-/// argument.
+/// `noise` is the standard deviation of the noise of each bending moment, as a fraction of the trace's largest bending moment (for
+/// that of its group, as of `whisker evaluate`, use `evaluate` or `noise_sd_n_m`), by default 0.01, and 0 for a front end with its
+/// own noise; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and of the front end. `front_end` is the sensor
+/// between moment and reading, see `spatial_front_ends()`, with the settings `front_end_settings`. The calibration must be one of
+/// the trace's whisker through the same front end. `ValueError` names a wrong argument.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialTrial {
     trace: Py<SpatialTrace>,
@@ -287,10 +287,11 @@ impl SpatialTrial {
 /// Posterior Cramér–Rao bound along a trace in space: lower bounds of the root mean square errors of any estimator with the same
 /// readings.
 ///
-/// `noise_sd_n_m` is the standard deviation of the measurement noise of each bending moment (N m). Returns a structured array (n),
-/// NaN while the whisker is free: `t_s`; `since_touch_s`; `bound_m`, that of the contact if its sliding is known; and the bounds
-/// with an unknown object, NaN if it is no rod, cylinder, edge or sphere: `object_bound_m` of the contact, `direction_bound_rad` of
-/// the direction of a rod or edge (both angles together) and `radius_bound_m` of the radius.
+/// `noise_sd_n_m` is the standard deviation of the measurement noise of each bending moment (N m); with a calibration through a
+/// front end, it includes the noise of the sensor, as `SpatialTrial.bound` does. Returns a structured array (n), NaN while the
+/// whisker is free: `t_s`; `since_touch_s`; `bound_m`, that of the contact if its sliding is known; and the bounds with an unknown
+/// object, NaN if it is no rod, cylinder, edge or sphere: `object_bound_m` of the contact, `direction_bound_rad` of the direction
+/// of a rod or edge (both angles together) and `radius_bound_m` of the radius.
 #[pyfunction]
 pub(crate) fn spatial_cramer_rao_bound<'py>(
     py: Python<'py>,
