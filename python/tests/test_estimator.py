@@ -86,16 +86,18 @@ def test_verif_columns_and_rows_of_a_replay_agree(trial):
 
 
 def test_verif_velocity_and_deviation_are_those_of_the_table(trial):
-    last = trial.replay("installed")[-1]
-    row = trial.replay("installed").table[-1]
-    assert last.velocity_m_s is None and last.velocity_covariance_m2_s2 is None
+    replay = trial.replay("installed")
+    last, row = replay[-1], replay.table[-1]
+    assert last.velocity_m_s is None
+    assert last.velocity_covariance_m2_s2 is None
     assert list(last.deviation) == ["gain", "mount_rad", "mount_x_m", "mount_y_m"]
     assert last.deviation["gain"] == (row["gain"], row["gain_sd"])
     assert last.deviation["mount_rad"] == (row["mount_rad"], row["mount_sd_rad"])
     assert last.deviation["mount_y_m"] == (row["mount_y_m"], row["mount_y_sd_m"])
     replay = trial.replay("drifting")
     last, row = replay[-1], replay.table[-1]
-    assert last.deviation is None and np.isnan(row["gain"])
+    assert last.deviation is None
+    assert np.isnan(row["gain"])
     # Base has turned against World.
     speeds_m_s = np.hypot(*last.velocity_m_s), np.hypot(row["object_vx_m_s"], row["object_vy_m_s"])
     assert np.isclose(*speeds_m_s, rtol=1e-12, atol=0)

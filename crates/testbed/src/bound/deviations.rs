@@ -56,8 +56,8 @@ pub struct QuantityBounds {
     /// Gain, and yaw (rad) and position (m) of the mounting. All of them are unknown, as are the other deviations that are not
     /// zero.
     pub installation: [f64; 4],
-    /// Velocity of the object in World (m/s), x and y, with a prior standard deviation of [`VELOCITY_SD_M_S`]; the deviations that
-    /// are not zero are unknown. `None` if the object is at rest.
+    /// Velocity of the object in World (m/s), x and y, with a prior standard deviation of 1 mm/s in each direction; the deviations
+    /// that are not zero are unknown. `None` if the object is at rest.
     pub velocity_m_s: Option<[f64; 2]>,
 }
 
