@@ -198,9 +198,8 @@ fn robust_an_invalid_sidecar_of_a_log_is_an_error() {
 fn robust_estimates_of_another_trace_leave_no_recording_behind() {
     let home = tempfile::tempdir().unwrap();
     let (estimates, folder) = (home.path().join("estimates.csv"), home.path().join("recording"));
-    let known = "t_s,base_x_m,base_y_m,base_yaw_rad,reading_n_m";
-    let found = "contact_x_m,contact_y_m,surface_x_m,surface_y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,calibrated,at_tip,radius_m,radius_sd_m,friction,friction_sd,models,model_doubtful,second_contact,truth_contact_x_m,truth_contact_y_m,truth_surface_x_m,truth_surface_y_m";
-    fs::write(&estimates, format!("{known},{found}\n12345,0,0,0,0{}\n", ",".repeat(20))).unwrap();
+    let late = EstimateRow { t_s: 12345.0, ..EstimateRow::default() };
+    fs::write(&estimates, csv_bytes(&[late]).unwrap()).unwrap();
     let message = export_trace(&golden().join("golden_pin.csv"), Some(&estimates), &folder).unwrap_err().to_string();
     assert!(message.contains("t_s: found 12345 s, expected a time of "), "{message}");
     // A trace with other contacts at the same times.
