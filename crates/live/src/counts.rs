@@ -47,11 +47,11 @@ pub struct Converted {
     pub t_s: f64,
     /// Their arrival.
     pub arrived_s: f64,
-    /// What became of them.
+    /// Their reading, or the reason why they have none.
     pub reading: Reading,
 }
 
-/// What became of counts.
+/// The reading of counts, or the reason why they have none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reading {
     /// The reading (N m).

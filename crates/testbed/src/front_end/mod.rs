@@ -77,6 +77,37 @@ pub struct FrontEndConfig {
     pub config: Value,
 }
 
+/// Remedy for a calibration that was made through another front end.
+fn make(front_end: &str) -> String {
+    format!("run `whisker fit --front-end {front_end}` to make one")
+}
+
+/// Checks that a calibration at `path` was made through the expected front end: its name and its settings.
+fn check_made_through(
+    path: &Path,
+    found: Option<(&str, &Value)>,
+    (name, config): (&str, &Value),
+    has_sensor: bool,
+) -> anyhow::Result<()> {
+    let (path, make) = (path.display(), make(name));
+    let Some((found_name, found_config)) = found else {
+        if has_sensor {
+            bail!("{path}: front_end: found none, expected `{name}`; {make}");
+        }
+        return Ok(());
+    };
+    if found_name != name {
+        bail!("{path}: front_end.name: found `{found_name}`, expected `{name}`; {make}");
+    }
+    for (key, expected) in config.as_object().into_iter().flatten() {
+        let found = &found_config[key];
+        if found != expected {
+            bail!("{path}: front_end.config.{key}: found {found}, expected {expected}; {make}");
+        }
+    }
+    Ok(())
+}
+
 impl Default for FrontEndConfig {
     fn default() -> Self {
         Self { name: FRONT_ENDS[0].name.into(), config: json!({}) }
@@ -158,24 +189,10 @@ impl FrontEnd {
         calibration: &'a CalibrationFile,
         mounting: &Mounting,
     ) -> anyhow::Result<Option<&'a SensorFile>> {
+        let found = calibration.front_end.as_ref().map(|file| (file.name.as_str(), &file.config));
+        check_made_through(path, found, (self.row.name, &self.config), self.chain.has_sensor())?;
+        let Some(file) = &calibration.front_end else { return Ok(None) };
         let path = path.display();
-        let make = format!("run `whisker fit --front-end {}` to make one", self.row.name);
-        let Some(file) = &calibration.front_end else {
-            if self.chain.has_sensor() {
-                bail!("{path}: front_end: found none, expected `{}`; {make}", self.row.name);
-            }
-            return Ok(None);
-        };
-        if file.name != self.row.name {
-            bail!("{path}: front_end.name: found `{}`, expected `{}`; {make}", file.name, self.row.name);
-        }
-        let settings = self.config.as_object().into_iter().flatten();
-        for (key, expected) in settings {
-            let found = &file.config[key];
-            if found != expected {
-                bail!("{path}: front_end.config.{key}: found {found}, expected {expected}; {make}");
-            }
-        }
         let sensor = file.sensor(&mounting.array, &mounting.sensor).with_context(|| {
             let known: Vec<_> = file.sensors.iter().map(|sensor| format!("{}/{}", sensor.array, sensor.name)).collect();
             let wanted = format!("{}/{}", mounting.array, mounting.sensor);

@@ -94,7 +94,7 @@ pub fn fit(
     whiskers.values().map(|traces| fit.run(traces)).collect()
 }
 
-/// What the fits of all whiskers have in common.
+/// Fit of a whisker: candidates, front end and settings, which are the same for all whiskers of a dataset.
 struct WhiskerFit<'a> {
     candidates: &'a [Candidate],
     front_end: &'a SpatialFrontEnd,

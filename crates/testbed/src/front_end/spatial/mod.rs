@@ -8,12 +8,12 @@ mod white;
 
 use std::path::Path;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use nalgebra::Vector2;
 use serde_json::Value;
 use trace::{SpatialCalibrationFile, SpatialFrontEndFile, SpatialSensor, SpatialTrace};
 
-use super::{FrontEndConfig, hall};
+use super::{FrontEndConfig, check_made_through, hall, make};
 use crate::settings::merged;
 
 pub(super) use chain::moment_n_m;
@@ -96,23 +96,10 @@ impl SpatialFrontEnd {
         path: &Path,
         calibration: &'a SpatialCalibrationFile,
     ) -> anyhow::Result<Option<&'a SpatialSensor>> {
-        let path = path.display();
-        let make = format!("run `whisker fit --front-end {}` to make one", self.row.name);
-        let Some(file) = &calibration.front_end else {
-            if self.chain.has_sensor() {
-                bail!("{path}: front_end: found none, expected `{}`; {make}", self.row.name);
-            }
-            return Ok(None);
-        };
-        if file.name != self.row.name {
-            bail!("{path}: front_end.name: found `{}`, expected `{}`; {make}", file.name, self.row.name);
-        }
-        for (key, expected) in self.config.as_object().into_iter().flatten() {
-            let found = &file.config[key];
-            if found != expected {
-                bail!("{path}: front_end.config.{key}: found {found}, expected {expected}; {make}");
-            }
-        }
+        let found = calibration.front_end.as_ref().map(|file| (file.name.as_str(), &file.config));
+        check_made_through(path, found, (self.row.name, &self.config), self.chain.has_sensor())?;
+        let Some(file) = &calibration.front_end else { return Ok(None) };
+        let (path, make) = (path.display(), make(self.row.name));
         let name = &calibration.whisker.name;
         let sensor = file.sensor(name).with_context(|| {
             let known: Vec<_> = file.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
