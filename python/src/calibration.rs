@@ -267,6 +267,8 @@ pub(crate) fn fit_calibration(
             reference_noise_sd_n_m: noise_sd_n_m,
             pin_radius_m,
         };
+        let without_friction = py.detach(|| sensor::without_friction(&data));
+        let data = without_friction.as_ref().map_or(data, |without| without.applied_to(data));
         let (mut fits, mut reasons) = (Vec::new(), Vec::new());
         for (row, config) in &candidates {
             match py.detach(|| sensor::fit(row, config, &data)) {
@@ -280,7 +282,8 @@ pub(crate) fn fit_calibration(
             let expected = format!("other data: {}", reasons.join("; "));
             refused(&format!("lines[`{name}`]"), "data to which no model can be fitted", &expected)
         };
-        faces.push(FaceFile::new(&fits).ok_or_else(none)?);
+        let friction = without_friction.as_ref().map(|without| without.friction);
+        faces.push(FaceFile::new(&fits, friction).ok_or_else(none)?);
     }
     if faces.is_empty() {
         return Err(refused("lines", "no face", "`left`, `right` or both"));

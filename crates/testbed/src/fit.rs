@@ -13,7 +13,7 @@ use trace::{
     TruthInstant, data_sha256,
 };
 use whisker::Whisker;
-use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, Sample};
+use whisker::sensor::{self, AlongAway, CalibratedFace, Face, Fit, FitData, ModelError, PinFriction, Sample};
 
 use crate::contour::true_circle;
 use crate::dataset::Dataset;
@@ -316,9 +316,9 @@ impl WhiskerFit<'_> {
             let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
             let place = || format!("whisker `{}`, face {}", self.whisker.name, face.name());
             let fitted = fit_face(self.candidates, self.whisker, face, &read, self.folder, self.progress);
-            let (fits, failed) = fitted.with_context(place)?;
+            let FaceFits { fits, friction, failed } = fitted.with_context(place)?;
             left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
-            let file = FaceFile::new(&fits).expect("there is a fit");
+            let file = FaceFile::new(&fits, friction).expect("there is a fit");
             let chosen = fits.iter().find(|fit| fit.face.label == file.chosen);
             write_for_report(chosen.expect("the chosen one is among the fits"), self.whisker, &of_face, self.out)?;
             faces.push(file);
@@ -353,7 +353,16 @@ struct Read<'a> {
     readings_n_m: &'a [f64],
 }
 
-/// Fits of the candidates, at least one, and the reasons why others were left out.
+/// Fits to the readings of one face.
+struct FaceFits {
+    /// Those of the candidates that the readings determine, at least one.
+    fits: Vec<Fit>,
+    /// Friction that was removed from the readings.
+    friction: Option<PinFriction>,
+    /// Reasons why other candidates were left out.
+    failed: Vec<String>,
+}
+
 fn fit_face(
     candidates: &[Candidate],
     whisker: &Whisker,
@@ -361,7 +370,7 @@ fn fit_face(
     read: &[Read],
     folder: &Path,
     progress: &ProgressBar,
-) -> anyhow::Result<(Vec<Fit>, Vec<String>)> {
+) -> anyhow::Result<FaceFits> {
     let measured: Vec<Vec<Sample>> = read.iter().map(|read| contacts(read.trace, read.readings_n_m)).collect();
     let reference: Vec<Vec<Sample>> = read.iter().map(|read| clean_contacts(read.trace)).collect();
     let noise = read.iter().map(|read| read.trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / read.len() as f64;
@@ -373,6 +382,8 @@ fn fit_face(
         reference_noise_sd_n_m: noise.sqrt(),
         pin_radius_m: pin_radius_m(read.iter().map(|read| read.trace), folder)?,
     };
+    let without_friction = sensor::without_friction(&material);
+    let material = without_friction.as_ref().map_or(material, |without| without.applied_to(material));
     let fit = |candidate: &Candidate| {
         let fitted = sensor::fit(candidate.row, &candidate.config, &material);
         progress.inc(1);
@@ -393,7 +404,7 @@ fn fit_face(
     if fits.is_empty() {
         bail!("no sensor model can be fitted; the first: {}", failed[0]);
     }
-    Ok((fits, failed))
+    Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), failed })
 }
 
 /// Whether a contact, if there is one, is single and on the side of the whisker.

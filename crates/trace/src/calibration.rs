@@ -6,7 +6,7 @@ use std::sync::Arc;
 use files::{Error, FORMAT, Watermark, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, Region};
+use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, PinFriction, Region};
 use whisker::{ReadingGate, Whisker};
 
 use crate::Characteristic;
@@ -174,6 +174,9 @@ pub struct FaceFile {
     pub largest_reading_n_m: f64,
     /// Distance of the contacts from the centre of the calibration pin.
     pub pin_radius_m: f64,
+    /// Friction of the pin, which was removed from the fitted readings. `None` if none was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<PinFriction>,
     /// Label of the model with the smallest held-out error.
     pub chosen: String,
     /// The fitted models.
@@ -197,9 +200,9 @@ pub struct ModelFile {
 }
 
 impl FaceFile {
-    /// Collects several fits to the same samples. The model with the smallest held-out error is chosen, the first of
-    /// equals. `None` if there are no fits.
-    pub fn new(fits: &[Fit]) -> Option<Self> {
+    /// Collects several fits to the same samples, from which this friction was removed. The model with the smallest held-out error
+    /// is chosen, the first of equals. `None` if there are no fits.
+    pub fn new(fits: &[Fit], friction: Option<PinFriction>) -> Option<Self> {
         let best = fits.iter().min_by(|a, b| a.face.heldout_rms_n_m.total_cmp(&b.face.heldout_rms_n_m))?;
         let models = fits.iter().map(|fit| ModelFile {
             label: fit.face.label.clone(),
@@ -214,6 +217,7 @@ impl FaceFile {
             samples: best.samples,
             largest_reading_n_m: best.face.largest_reading_n_m,
             pin_radius_m: best.face.pin_radius_m,
+            friction,
             chosen: best.face.label.clone(),
             models: models.collect(),
         })
@@ -394,6 +398,14 @@ impl CalibrationFile {
             }
             if !(face.pin_radius_m.is_finite() && face.pin_radius_m >= 0.0) {
                 return Err(Error::value(path, face.key("pin_radius_m"), face.pin_radius_m, "a number of 0 or more"));
+            }
+            if let Some(PinFriction { coefficient, coefficient_sd }) = face.friction {
+                for (name, number) in [("coefficient", coefficient), ("coefficient_sd", coefficient_sd)] {
+                    if !(number.is_finite() && number >= 0.0) {
+                        let key = face.key(&format!("friction.{name}"));
+                        return Err(Error::value(path, key, number, "a number of 0 or more"));
+                    }
+                }
             }
             for model in &face.models {
                 self.load(path, face, model)?;

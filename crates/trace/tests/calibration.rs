@@ -42,7 +42,7 @@ fn fits() -> Vec<Fit> {
 }
 
 fn calibration(fits: &[Fit]) -> CalibrationFile {
-    let faces = vec![FaceFile::new(fits).unwrap()];
+    let faces = vec![FaceFile::new(fits, None).unwrap()];
     let watermark =
         Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
     let data = FittedData { seed: 1, traces: vec!["trace".into()], ..FittedData::default() };

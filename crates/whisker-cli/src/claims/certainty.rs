@@ -2,7 +2,7 @@
 
 use testbed::metrics::{Metric, bound, consistency, contour, error};
 use testbed::results::TrialRow;
-use testbed::statistics::{mean, median, quantile};
+use testbed::statistics::{mean, median, median_of_scores, quantile};
 
 use super::sets::{
     Set, allows, coverage_of, doubt_false_per_min, doubt_found, expected_above, nis_of_missed, overconfident, sets_of,
@@ -377,7 +377,7 @@ fn miscalibrations() -> Vec<Claim> {
                 move |context| {
                     let ratio =
                         |trial: TrialRow| Some(trial.get(&consistency::STATED_RMSE)? / trial.get(&error::RMSE)?);
-                    Ok(median(rows(context).into_iter().filter_map(ratio)))
+                    Ok(median_of_scores(rows(context).into_iter().map(ratio)))
                 },
             ),
         ]

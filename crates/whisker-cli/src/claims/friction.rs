@@ -18,6 +18,7 @@ const COEFFICIENTS: [u32; 2] = [30, 50];
 pub(super) fn claims() -> Vec<Claim> {
     let mut claims: Vec<Claim> =
         WHISKERS.into_iter().flat_map(|whisker| OBJECTS.map(|object| (whisker, object))).flat_map(factors).collect();
+    claims.extend(WHISKERS.into_iter().flat_map(means));
     let ellipses = "stated 95 % ellipses that hold the truth, mean over trials";
     let coverage = |context: &Context| Ok(percent(rubbing(context), &consistency::COVERAGE));
     claims.extend([
@@ -76,6 +77,32 @@ fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
             move |context| {
                 let rmse_m = |percent| {
                     context.run(RUN).summary(&group(object, percent), whisker, RECOMMENDED)?.get(&error::RMSE)
+                };
+                Ok(rmse_m(percent).zip(rmse_m(0)).map(|(with_m, without_m)| with_m / without_m))
+            },
+        )
+    })
+}
+
+/// Error with each coefficient relative to that without friction, as means over the trials of all objects: a few large errors, which
+/// do not change a median, count in them.
+fn means(whisker: &'static str) -> [Claim; 2] {
+    COEFFICIENTS.map(|percent| {
+        let coefficient = f64::from(percent) / 100.0;
+        Claim::at_most(
+            format!("friction_mean_{whisker}_{percent}"),
+            about(&format!(
+                "all objects, {whisker} whisker, coefficient {coefficient}: steady RMSE over that without friction, means over trials"
+            )),
+            1.5,
+            "times",
+            move |context| {
+                let rmse_m = |percent| {
+                    let groups = OBJECTS.map(|object| group(object, percent));
+                    let trials = context.run(RUN).trials_in(RECOMMENDED, move |of| groups.iter().any(|group| group == of));
+                    let errors: Option<Vec<f64>> =
+                        trials.filter(|trial| trial.head.whisker == whisker).map(|trial| trial.get(&error::RMSE)).collect();
+                    errors.and_then(mean)
                 };
                 Ok(rmse_m(percent).zip(rmse_m(0)).map(|(with_m, without_m)| with_m / without_m))
             },

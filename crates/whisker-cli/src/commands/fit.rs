@@ -12,7 +12,7 @@ use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::{FrontEnd, Mounting, SpatialFrontEnd};
 use testbed::space::fit::SpatialFitSettings;
 use trace::{CalibrationFile, is_plain_name};
-use whisker::sensor::{AlongAway, Face};
+use whisker::sensor::{AlongAway, Face, PinFriction};
 
 use super::output::{check_is_folder, lies_in, reserve};
 use super::progress::Progress;
@@ -95,6 +95,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut rows = Vec::new();
     for whisker in &fitted {
         for face in &whisker.calibration.faces {
+            if let Some(PinFriction { coefficient, coefficient_sd }) = face.friction {
+                let (whisker, face) = (&whisker.calibration.whisker.name, face.face.name());
+                eprintln!(
+                    "friction removed from the readings of whisker `{whisker}`, face {face}: coefficient {coefficient:.3} +- \
+                    {coefficient_sd:.3}"
+                );
+            }
             let best = face.model(None).map_or(f64::NAN, |model| model.heldout_rms_n_m);
             for model in &face.models {
                 let share = |reading: f64| {

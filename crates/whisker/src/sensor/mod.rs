@@ -15,6 +15,7 @@ mod fit;
 mod lean;
 mod mechanics;
 pub(crate) mod physical;
+mod pin_friction;
 mod polar;
 mod polynomial;
 pub(crate) mod regression;
@@ -39,6 +40,7 @@ pub use domain::{Domain, Shares};
 pub use error_map::ErrorMap;
 pub use fit::{Fit, FitData, fit};
 pub(crate) use lean::{Lean, Leaning};
+pub use pin_friction::{PinFriction, WithoutFriction, without_friction};
 pub(crate) use turn::Turn;
 
 /// One calibration sample: a known contact and its reading.
