@@ -11,7 +11,7 @@ use trace::{
     is_spatial, is_trace_table, scene_difference,
 };
 
-use crate::front_end::{FRONT_ENDS, FrontEnd};
+use crate::front_end::{FRONT_ENDS, FrontEnd, SpatialFrontEnd};
 
 /// Name of the folder of calibrations in the folder of their traces.
 pub const CALIBRATIONS: &str = "calibrations";
@@ -191,28 +191,47 @@ impl Dataset {
     /// If a sidecar cannot be read, or if recordings, to which no noise is added, and simulated traces occur together among the
     /// trials.
     pub fn default_noise(datasets: &[Self], front_end: &FrontEnd) -> anyhow::Result<f64> {
-        let mut noise: Option<f64> = None;
-        for path in datasets.iter().flat_map(|dataset| &dataset.paths) {
+        common_noise(datasets.iter().flat_map(|dataset| &dataset.paths), |path| {
             let sidecar = Sidecar::read(path)?;
-            if sidecar.role != Role::Trial {
-                continue;
-            }
-            let own = front_end.row.default_noise(&sidecar);
-            if *noise.get_or_insert(own) != own {
-                bail!(
-                    "{}: found recordings and simulated traces together, expected one kind, since noise is added to \
-                    simulated traces alone; give the noise for all by --noise",
-                    path.display()
-                );
-            }
-        }
-        Ok(noise.unwrap_or_default())
+            Ok((sidecar.role == Role::Trial).then(|| front_end.row.default_noise(&sidecar)))
+        })
+    }
+
+    /// As [`Self::default_noise`], of a dataset in space.
+    ///
+    /// # Errors
+    /// As [`Self::default_noise`].
+    pub fn default_noise_in_space(&self, front_end: &SpatialFrontEnd) -> anyhow::Result<f64> {
+        common_noise(&self.paths, |path| {
+            let sidecar = SpatialSidecar::read(path)?;
+            Ok((sidecar.role == Role::Trial).then(|| front_end.default_noise(&sidecar)))
+        })
     }
 
     /// Folder of the calibrations of these traces through a front end, see [`calibrations`].
     pub fn calibrations(&self, front_end: &str) -> PathBuf {
         calibrations(&self.folder, front_end)
     }
+}
+
+/// The default noise that all trials among some traces have in common, 0 without trials. `of` reads that of a trace, `None` for one
+/// that is no trial.
+fn common_noise<'a>(
+    paths: impl IntoIterator<Item = &'a PathBuf>,
+    of: impl Fn(&Path) -> anyhow::Result<Option<f64>>,
+) -> anyhow::Result<f64> {
+    let mut noise: Option<f64> = None;
+    for path in paths {
+        let Some(own) = of(path)? else { continue };
+        if *noise.get_or_insert(own) != own {
+            bail!(
+                "{}: found recordings and simulated traces together, expected one kind, since noise is added to \
+                simulated traces alone; give the noise for all by --noise",
+                path.display()
+            );
+        }
+    }
+    Ok(noise.unwrap_or_default())
 }
 
 /// Folder of the calibrations of a folder of traces: `calibrations` for the default front end, and a subfolder for any other.

@@ -59,7 +59,7 @@ fn trace(name: &str, role: Role, rod: &Rod, places: &[Option<Around>]) -> Spatia
             force: contact.deflection.force_n,
             tangent: contact.deflection.directors.column(0).into_owned(),
         });
-        truths.push(SpatialTruthInstant { touching: Some(contact.is_some()), contact });
+        truths.push(SpatialTruthInstant { touching: Some(contact.is_some()), contact, place: None });
     }
     let (recording, truth) = (SpatialRecording { instants }, SpatialTruth { instants: truths });
     SpatialTrace { sidecar, recording, truth }

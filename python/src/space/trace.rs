@@ -126,16 +126,17 @@ fn truth<'py>(py: Python<'py>, instants: &[SpatialTruthInstant]) -> PyResult<Bou
     let along = |part: Part, axis: usize| {
         column(py, instants.iter().map(|now| Some(part(now.contact.as_ref()?)[axis]))).into_any()
     };
-    let (contact, surface): (Part, Part) = (|at| at.contact, |at| at.surface);
+    let place = |axis: usize| column(py, instants.iter().map(|now| now.contact_m().map(|at| at[axis]))).into_any();
+    let surface: Part = |at| at.surface;
     let (normal, force): (Part, Part) = (|at| at.normal, |at| at.force);
     structured(
         py,
         instants.len(),
         &[
             ("touching", known_flags(py, instants.iter().map(|now| now.touching)).into_any()),
-            ("contact_x_m", along(contact, 0)),
-            ("contact_y_m", along(contact, 1)),
-            ("contact_z_m", along(contact, 2)),
+            ("contact_x_m", place(0)),
+            ("contact_y_m", place(1)),
+            ("contact_z_m", place(2)),
             ("surface_x_m", along(surface, 0)),
             ("surface_y_m", along(surface, 1)),
             ("surface_z_m", along(surface, 2)),

@@ -33,9 +33,9 @@ use crate::trial::front_end_of;
 ///
 /// `noise` is the standard deviation of the noise of each bending moment, as a fraction of the trace's largest bending moment (for
 /// that of its group, as of `whisker evaluate`, use `evaluate` or `noise_sd_n_m`), by default 0.01, and 0 for a front end with its
-/// own noise; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and of the front end. `front_end` is the sensor
-/// between moment and reading, see `spatial_front_ends()`, with the settings `front_end_settings`. The calibration must be one of
-/// the trace's whisker through the same front end. `ValueError` names a wrong argument.
+/// own noise and for a recording of a real sensor; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and of the
+/// front end. `front_end` is the sensor between moment and reading, see `spatial_front_ends()`, with the settings
+/// `front_end_settings`. The calibration must be one of the trace's whisker through the same front end. `ValueError` names a wrong argument.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialTrial {
     trace: Py<SpatialTrace>,
@@ -129,9 +129,11 @@ impl SpatialTrial {
         check_calibration(&of_whisker.path, &of_whisker.file, &read.sidecar).map_err(raised)?;
         let front_end = SpatialFrontEnd::new(&front_end_of(front_end, front_end_settings)?).map_err(raised)?;
         let sensor = front_end.sensor(&of_whisker.path, &of_whisker.file).map_err(raised)?;
-        let fraction = noise.unwrap_or(front_end.row.noise);
+        front_end.check_trace(&read.sidecar).map_err(raised)?;
+        let fraction = noise.unwrap_or_else(|| front_end.default_noise(&read.sidecar));
         let added_sd_n_m = noise_sd_n_m.unwrap_or_else(|| fraction * largest_reading_n_m([&**read]));
-        let knowledge = knowledge(&of_whisker.calibrated, added_sd_n_m, sensor, read.sidecar.rate_hz);
+        let all_sd_n_m = added_sd_n_m.hypot(read.sidecar.own_noise_sd_n_m());
+        let knowledge = knowledge(&of_whisker.calibrated, all_sd_n_m, sensor, read.sidecar.rate_hz);
         let read_trace = || front_end.bending_n_m(read, added_sd_n_m, seed, sensor);
         let readings_n_m = py.detach(read_trace).map_err(raised)?;
         let samples = samples(read, &readings_n_m);
@@ -260,8 +262,8 @@ impl SpatialTrial {
         let trace = &self.trace.get().trace;
         let rows = trace.recording.instants.iter().zip(&trace.truth.instants).zip(&replay.estimates);
         let errors = rows.map(|((known, truth), estimate)| {
-            let truth = truth.contact.filter(|contact| !contact.split)?;
-            let true_contact = to_base(&known.base).apply(Point::from_vector(truth.contact));
+            let contact_m = truth.contact_m().filter(|_| truth.contact.is_none_or(|contact| !contact.split))?;
+            let true_contact = to_base(&known.base).apply(Point::from_vector(contact_m));
             Some((estimate.as_ref()?.contact.vector() - true_contact.vector()).norm())
         });
         Ok(column(py, errors))

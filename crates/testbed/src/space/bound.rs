@@ -69,24 +69,24 @@ pub fn bound(
     let mut touch: Option<(f64, Bound<3>, Option<UnknownObject>)> = None;
     let rows = trace.recording.instants.iter().zip(&trace.truth.instants);
     let at = rows.map(|(known, truth)| {
-        let Some(contact) = truth.contact else {
+        let Some(contact_m) = truth.contact_m() else {
             touch = None;
             return None;
         };
         let to_base = to_base(&known.base);
         if touch.is_none() {
-            let prior = prior_m2(face, &to_base, to_base.apply(Point::from_vector(contact.contact)));
-            let unknown = object.and_then(|object| UnknownObject::new(face, object, &to_base, contact.contact, &prior));
+            let prior = prior_m2(face, &to_base, to_base.apply(Point::from_vector(contact_m)));
+            let unknown = object.and_then(|object| UnknownObject::new(face, object, &to_base, contact_m, &prior));
             touch = Some((known.t_s, Bound::new(&prior)?, unknown));
         }
         let (touch_s, bound, unknown) = touch.as_mut()?;
-        bound.predict(&KnownSlide, &contact.contact);
+        bound.predict(&KnownSlide, &contact_m);
         let reading = Reading { face, to_base: &to_base, noise_sd_n_m };
-        let gained = information(&reading, &contact.contact).filter(|_| !contact.tip && !contact.split);
+        let gained = information(&reading, &contact_m).filter(|_| truth.is_single());
         if let Some(gained) = gained {
             bound.update(gained);
         }
-        let object = unknown.as_mut().and_then(|unknown| unknown.advance(face, &to_base, contact.contact, gained));
+        let object = unknown.as_mut().and_then(|unknown| unknown.advance(face, &to_base, contact_m, gained));
         Some(SpatialBoundAt { since_touch_s: known.t_s - *touch_s, covariance_m2: bound.covariance()?, object })
     });
     at.collect()

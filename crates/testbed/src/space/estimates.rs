@@ -153,7 +153,7 @@ pub fn spatial_estimate_row(
     let normal = estimate.map(|estimate| base.turn_vector(estimate.normal));
     let direction = estimate.and_then(|estimate| estimate.direction);
     let along = direction.map(|direction| base.turn_vector(direction.along));
-    let truth = truth.contact;
+    let (place, truth) = (truth.contact_m(), truth.contact);
     let quaternion = now.base.rotation.quaternion();
     SpatialEstimateRow {
         t_s: now.t_s,
@@ -187,9 +187,9 @@ pub fn spatial_estimate_row(
         direction_sd_rad: direction.map(|of| of.sd_rad),
         calibrated: estimate.map(|estimate| estimate.calibrated),
         model_doubtful: estimate.and_then(|estimate| estimate.model_doubtful),
-        truth_contact_x_m: truth.map(|of| of.contact.x),
-        truth_contact_y_m: truth.map(|of| of.contact.y),
-        truth_contact_z_m: truth.map(|of| of.contact.z),
+        truth_contact_x_m: place.map(|at| at.x),
+        truth_contact_y_m: place.map(|at| at.y),
+        truth_contact_z_m: place.map(|at| at.z),
         truth_surface_x_m: truth.map(|of| of.surface.x),
         truth_surface_y_m: truth.map(|of| of.surface.y),
         truth_surface_z_m: truth.map(|of| of.surface.z),

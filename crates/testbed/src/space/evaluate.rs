@@ -187,6 +187,7 @@ fn prepared<'a>(
                 trace.sidecar.name
             )
         })?;
+        front_end.check_trace(&trace.sidecar)?;
         let sensor = front_end.sensor(path, file)?;
         whiskers.insert(name.clone(), (calibrated(path, file, &trace.sidecar)?, sensor));
     }
@@ -199,7 +200,8 @@ fn prepared<'a>(
     let prepare = |trace: SpatialTrace| {
         let (calibrated, sensor) = &whiskers[&trace.sidecar.whisker.name];
         let added_sd_n_m = settings.noise * largest[&of_set(&trace)];
-        let knowledge = knowledge(calibrated, added_sd_n_m, *sensor, trace.sidecar.rate_hz);
+        let noise_sd_n_m = added_sd_n_m.hypot(trace.sidecar.own_noise_sd_n_m());
+        let knowledge = knowledge(calibrated, noise_sd_n_m, *sensor, trace.sidecar.rate_hz);
         Prepared { trial: SpatialTrial::new(Arc::new(trace), knowledge), added_sd_n_m, sensor: *sensor }
     };
     Ok(traces.into_par_iter().map(prepare).collect())

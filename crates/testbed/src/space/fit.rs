@@ -10,9 +10,12 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde_json::Value;
 use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
+use whisker::Whisker;
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
-use whisker::space::sensor::{self, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample};
+use whisker::space::sensor::{
+    self, Around, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
+};
 
 use super::{largest_reading_n_m, to_base};
 use crate::dataset::Dataset;
@@ -20,6 +23,7 @@ use crate::fit::{Models, check_replaces_calibration};
 use crate::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialNoise};
 use crate::provenance::calibration_watermark;
 use crate::settings::merged;
+use crate::statistics;
 
 /// Settings of a fit in space.
 #[derive(Clone, Debug)]
@@ -132,20 +136,33 @@ impl WhiskerFit<'_> {
             return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
         }
         let place = || format!("whisker `{}`", whisker.whisker.name);
-        let noise_sd_n_m = settings.noise * largest_reading_n_m(traces);
+        for trace in traces {
+            front_end.check_trace(&trace.sidecar)?;
+        }
+        // The readings of a recording already contain noise.
+        let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
+        let noise_fraction = if is_recorded { 0.0 } else { settings.noise };
+        let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
         let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
         let recordings: Vec<SpatialInput<'_>> =
             traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
         let sensor = front_end.calibrate(&recordings).with_context(place)?;
         let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
+        let mut ambiguous = 0;
         for trace in traces {
             let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
-            lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
+            let mut known = self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace)));
+            if trace.sidecar.recorded.is_some() {
+                ambiguous += leave_out_ambiguous(&whisker.whisker, &mut known);
+            }
+            lines.extend(known);
         }
-        let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
+        let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
+        let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
+        let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m };
         let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
         let data = FittedData {
-            noise_fraction: settings.noise,
+            noise_fraction,
             seed: settings.seed,
             front_end: None,
             sensor: None,
@@ -156,7 +173,11 @@ impl WhiskerFit<'_> {
         let front_end = front_end.describe(sensor.into_iter().collect());
         let calibration = SpatialCalibrationFile { front_end, ..calibration };
         write_json(&path, &calibration)?;
-        let left_out = left_out.iter().map(|reason| format!("{}: {reason}", place())).collect();
+        let contacts = (ambiguous > 0).then(|| {
+            let of = ambiguous + lines.iter().map(Vec::len).sum::<usize>();
+            format!("{ambiguous} of {of} contacts, which have no unique nearest point of the undeflected whisker")
+        });
+        let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out })
     }
 }
@@ -189,28 +210,53 @@ fn fits(
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
 }
 
-/// Lines of known single contacts on the side of the whisker, each from touch to release, with the readings of the sensor and those
-/// without its errors (N m), one pair per row.
+/// Largest distance of a contact from the one that has its coordinates about the undeflected whisker, if these are unique.
+const UNIQUE_M: f64 = 1e-6;
+
+/// Leaves out contacts whose coordinates about the undeflected whisker are not unique, as those of large deflections of a real
+/// whisker: beyond its tip, or as far away as its smallest radius of curvature. Returns their number.
+fn leave_out_ambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> usize {
+    let rest = whisker.rest_shape();
+    let most_per_m = whisker.curvature.iter().map(|piece| piece.curvature_per_m.abs()).fold(0.0, f64::max);
+    let is_unique = |sample: &SpatialSample| {
+        let at = Around::of(&rest, sample.contact);
+        at.away_m() * most_per_m < 1.0 && at.contact(&rest).distance(&sample.contact) < UNIQUE_M
+    };
+    let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
+    let all = count(lines);
+    lines.iter_mut().for_each(|line| line.retain(is_unique));
+    lines.retain(|line| !line.is_empty());
+    all - count(lines)
+}
+
+/// Smallest interval between two rows that ends a line of contacts, in periods of the rate.
+const GAP: f64 = 1.5;
+
+/// Lines of known single contacts on the side of the whisker, each from touch to release or to a gap of the recording, with the
+/// readings of the sensor and those without its errors (N m), one pair per row.
 fn lines(
     trace: &SpatialTrace,
     readings: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>,
 ) -> Vec<Vec<SpatialSample>> {
     let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
     let mut is_open = false;
+    let mut last_s = f64::NEG_INFINITY;
     let rows = trace.recording.instants.iter().zip(&trace.truth.instants).zip(readings);
     for ((known, truth), (reading_n_m, reference_n_m)) in rows {
-        let Some(contact) = truth.contact else {
+        is_open &= (known.t_s - last_s) * trace.sidecar.rate_hz < GAP;
+        last_s = known.t_s;
+        let Some(contact_m) = truth.contact_m() else {
             is_open = false;
             continue;
         };
-        if contact.tip || contact.split {
+        if !truth.is_single() {
             continue;
         }
         if !is_open {
             lines.push(Vec::new());
             is_open = true;
         }
-        let contact = to_base(&known.base).apply(Point::from_vector(contact.contact));
+        let contact = to_base(&known.base).apply(Point::from_vector(contact_m));
         let sample = SpatialSample { contact, reading_n_m, reference_n_m, count: 1.0 };
         lines.last_mut().expect("a line is open").push(sample);
     }

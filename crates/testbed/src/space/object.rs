@@ -64,7 +64,7 @@ impl TrueObject {
     }
 }
 
-/// All contacts of a trace.
+/// All contacts of a trace of which more than the place is known.
 fn contacts(trace: &SpatialTrace) -> Vec<&SpatialContactTruth> {
     trace.truth.instants.iter().filter_map(|truth| truth.contact.as_ref()).collect()
 }
@@ -127,6 +127,9 @@ impl TrueRod {
 
 /// Direction of points on a straight line. `None` if they do not lie on one.
 fn direction(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    if points.is_empty() {
+        return None;
+    }
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();

@@ -170,11 +170,12 @@ impl SpatialRun {
         read_rows(&FAILURES.path(folder))
     }
 
-    /// Trials by the solid that they sweep over, in order of their first trial.
+    /// Trials by the solid that they sweep over, in order of their first trial. One whose solid is not known, as in recordings of real
+    /// sensors, is on its own.
     fn solids(&self) -> Vec<Swept<'_>> {
         let mut solids: Vec<Swept<'_>> = Vec::new();
         for trial in &self.trials {
-            match solids.iter_mut().find(|swept| *swept.solid == trial.solid) {
+            match solids.iter_mut().find(|swept| !swept.solid.is_null() && *swept.solid == trial.solid) {
                 Some(swept) => swept.trials.push(trial),
                 None => solids.push(Swept { solid: &trial.solid, trials: vec![trial] }),
             }

@@ -45,9 +45,9 @@ pub struct SpatialTrial {
 fn expected(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> Vec<bool> {
     let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
     let is_expected = |(known, truth): (&SpatialInstant, &SpatialTruthInstant)| {
-        truth.contact.as_ref().is_some_and(|contact| {
-            let at = calibrated.around(to_base(&known.base).apply(Point::from_vector(contact.contact)));
-            !contact.tip && !contact.split && calibrated.domain.contains(at)
+        truth.contact_m().is_some_and(|contact_m| {
+            let at = calibrated.around(to_base(&known.base).apply(Point::from_vector(contact_m)));
+            truth.is_single() && calibrated.domain.contains(at)
         })
     };
     instants.map(is_expected).collect()
@@ -59,8 +59,9 @@ struct Sums {
     /// Instants at which an estimate is expected, and those of them with one.
     expected: usize,
     expected_answered: usize,
-    /// Instants with an estimate.
+    /// Instants with an estimate, and those of them at which all of the true contact is known.
     answered: usize,
+    complete: usize,
     contact: f64,
     out_of_plane: f64,
     bound: f64,
@@ -139,6 +140,7 @@ impl SpatialTrial {
         let (answered, noise_sd_n_m) = (sums.answered, self.knowledge.noise_sd_n_m);
         let mean = |sum: f64| (answered > 0).then(|| sum / answered as f64);
         let rms = |sum: f64| mean(sum).map(f64::sqrt);
+        let of_complete = |sum: f64| (sums.complete > 0).then(|| (sum / sums.complete as f64).sqrt());
         let of_bound = |sum: f64, count: usize| (count > 0 && noise_sd_n_m > 0.0).then(|| (sum / count as f64).sqrt());
         let radius = sums.last_radius.zip(self.solid.as_ref().and_then(Solid::radius_m));
         let radius_bound = sums.last_radius.and_then(|(_, bound)| bound).filter(|_| noise_sd_n_m > 0.0);
@@ -162,13 +164,13 @@ impl SpatialTrial {
             noise_sd_n_m,
             answered: (sums.expected > 0).then(|| sums.expected_answered as f64 / sums.expected as f64),
             rmse_m: rms(sums.contact),
-            out_of_plane_m: rms(sums.out_of_plane),
+            out_of_plane_m: of_complete(sums.out_of_plane),
             bound_m: rms(sums.bound).filter(|_| noise_sd_n_m > 0.0),
             object_bound_m: of_bound(sums.object_bound, sums.objects),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
             surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
-            normal_rad: rms(sums.normal),
+            normal_rad: of_complete(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
             direction_bound_rad: of_bound(sums.direction_bound, sums.rods),
             radius_error: radius.map(|((stated, _), truth_m)| stated.radius_m / truth_m - 1.0),
@@ -187,18 +189,22 @@ impl SpatialTrial {
     }
 
     fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
-        let Some(truth) = self.trace.truth.instants[i].contact else { return };
+        let truth = &self.trace.truth.instants[i];
+        let Some(contact_m) = truth.contact_m() else { return };
         let to_base = to_base(&self.trace.recording.instants[i].base);
-        let error = estimate.contact.vector() - to_base.apply(Point::from_vector(truth.contact)).vector();
-        let (tangent, normal) = (to_base.turn_vector(truth.tangent), to_base.turn_vector(truth.normal));
+        let error = estimate.contact.vector() - to_base.apply(Point::from_vector(contact_m)).vector();
         let nees = estimate.covariance_m2.cholesky().map(|factor| error.dot(&factor.solve(&error)));
         sums.answered += 1;
         sums.contact += error.norm_squared();
-        sums.out_of_plane += error.dot(&tangent.cross(&normal).normalize()).powi(2);
         sums.bound += bound.covariance_m2.trace();
         sums.covered += usize::from(nees.is_some_and(|nees| nees <= within));
         sums.nees.extend(nees);
         sums.last_nees = nees;
+        // The other scores compare more than the place of the contact.
+        let Some(truth) = truth.contact else { return };
+        sums.complete += 1;
+        let (tangent, normal) = (to_base.turn_vector(truth.tangent), to_base.turn_vector(truth.normal));
+        sums.out_of_plane += error.dot(&tangent.cross(&normal).normalize()).powi(2);
         if let Some(solid) = &self.solid {
             let surface =
                 to_base.inverse().apply(self.knowledge.calibrated.surface(estimate.contact, estimate.normal)).vector();

@@ -33,6 +33,7 @@ impl SpatialTrace {
             inputs_sha256: planar.inputs_sha256.clone(),
             csv_sha256: planar.csv_sha256.clone(),
             certificate: None,
+            recorded: None,
         };
         let instants = trace.recording.instants.iter().map(|now| SpatialInstant {
             t_s: now.t_s,
@@ -47,11 +48,11 @@ impl SpatialTrace {
             force_x_n: None,
             rotation: None,
         });
-        let truth = trace
-            .truth
-            .instants
-            .iter()
-            .map(|truth| SpatialTruthInstant { touching: truth.touching, contact: contact(truth) });
+        let truth = trace.truth.instants.iter().map(|truth| SpatialTruthInstant {
+            touching: truth.touching,
+            contact: contact(truth),
+            place: None,
+        });
         let recording = SpatialRecording { instants: instants.collect() };
         Self { sidecar, recording, truth: SpatialTruth { instants: truth.collect() } }
     }

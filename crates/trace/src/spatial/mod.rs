@@ -9,6 +9,7 @@ mod characteristic;
 mod columns;
 mod front_end;
 mod lifted;
+mod recorded;
 mod sidecar;
 mod table;
 
@@ -19,6 +20,7 @@ pub use certificate::SpatialCertificate;
 pub use characteristic::SpatialCharacteristic;
 pub use columns::SPATIAL_COLUMNS;
 pub use front_end::{SpatialFrontEndFile, SpatialSensor};
+pub use recorded::{BendingResponse, SpatialRecorded};
 pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};
 pub use table::{
     Feature, SpatialContactTruth, SpatialInstant, SpatialPose, SpatialRecording, SpatialTrace, SpatialTruth,

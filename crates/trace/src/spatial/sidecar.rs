@@ -9,7 +9,7 @@ use whisker::Whisker;
 use whisker::rod::{Rod, Suspension};
 use whisker::space::sensor::SpatialWhisker;
 
-use super::SpatialCertificate;
+use super::{SpatialCertificate, SpatialRecorded};
 use crate::Role;
 use crate::sidecar::{Generator, check_rate, hash_of_data, plain_name};
 
@@ -80,6 +80,9 @@ pub struct SpatialSidecar {
     pub csv_sha256: String,
     /// Deviation of the ground truth from theory, for simulated traces.
     pub certificate: Option<SpatialCertificate>,
+    /// Properties of the recording, for traces of a real sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<SpatialRecorded>,
 }
 
 impl SpatialSidecar {
@@ -111,6 +114,11 @@ impl SpatialSidecar {
         self.spatial_whisker().rod()
     }
 
+    /// Standard deviation of the noise that the readings contain, in an average direction of bending; 0 for simulated traces.
+    pub fn own_noise_sd_n_m(&self) -> f64 {
+        self.recorded.as_ref().map_or(0.0, SpatialRecorded::mean_noise_sd_n_m)
+    }
+
     /// Hash of everything that a result from the trace may depend on, as [`crate::Sidecar::data_sha256`].
     pub fn data_sha256(&self) -> String {
         hash_of_data(self)
@@ -124,6 +132,9 @@ impl SpatialSidecar {
             return Err(Error::value(path, "kind", &self.kind, "trace"));
         }
         check_rate(path, self.rate_hz)?;
+        if let Some(recorded) = &self.recorded {
+            recorded.validate(path)?;
+        }
         for (key, name) in [
             ("name", &self.name),
             ("group", &self.group),

@@ -114,8 +114,24 @@ pub struct SpatialContactTruth {
 pub struct SpatialTruthInstant {
     /// Whether the whisker is in contact, if known.
     pub touching: Option<bool>,
-    /// The contact, if there is one and it is known.
+    /// The contact, if there is one and all of it is known.
     pub contact: Option<SpatialContactTruth>,
+    /// Place of a contact in World (m), 3x1, of which nothing else is known, as in recordings of real sensors. `None` if `contact`
+    /// states it.
+    pub place: Option<Vector3<f64>>,
+}
+
+impl SpatialTruthInstant {
+    /// Contact on the whisker's centre line in World (m), 3x1, if it is known.
+    pub fn contact_m(&self) -> Option<Vector3<f64>> {
+        self.contact.map(|contact| contact.contact).or(self.place)
+    }
+
+    /// Whether the contact is one on the side of the whisker, in one place: neither at the tip nor in several places, as far as
+    /// this is known.
+    pub fn is_single(&self) -> bool {
+        self.contact.is_none_or(|contact| !contact.tip && !contact.split)
+    }
 }
 
 /// Part of a trace in space that is available to estimators.
@@ -306,8 +322,13 @@ impl Row<'_> {
         if let (Some(false), Some(i)) = (touching, stated) {
             return Err(self.wrong(i, "an empty field while truth_touching is 0"));
         }
-        let contact = stated.is_some().then(|| self.contact()).transpose()?;
-        Ok((known, SpatialTruthInstant { touching, contact }))
+        let is_empty = |mut cells: std::ops::Range<usize>| cells.all(|i| self.cells[i].is_empty());
+        let (contact, place) = match stated {
+            None => (None, None),
+            Some(CONTACT) if is_empty(CONTACT + 3..CELLS) => (None, Some(self.vector(CONTACT)?)),
+            Some(_) => (Some(self.contact()?), None),
+        };
+        Ok((known, SpatialTruthInstant { touching, contact, place }))
     }
 
     fn contact(&self) -> Result<SpatialContactTruth, Error> {
@@ -353,6 +374,7 @@ fn cells(known: &SpatialInstant, truth: &SpatialTruthInstant) -> [Option<f64>; C
     known.force_x_n.iter().for_each(|force| set(AXIAL, &[*force]));
     known.rotation.iter().for_each(|rotation| set(ROTATION, rotation.as_slice()));
     truth.touching.iter().for_each(|touching| set(TOUCHING, &[flag(*touching)]));
+    truth.place.iter().for_each(|place| set(CONTACT, place.as_slice()));
     if let Some(contact) = &truth.contact {
         let feature = f64::from(contact.feature as u8);
         set(TIP, &[flag(contact.tip), flag(contact.split), feature]);

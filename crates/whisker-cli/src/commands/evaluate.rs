@@ -249,7 +249,7 @@ fn in_space(
         bail!("found {} inputs, expected one suite or folder of traces in space", datasets.len())
     };
     let noise = match arguments.noise.as_deref() {
-        None => front_end.row.noise,
+        None => dataset.default_noise_in_space(&front_end)?,
         Some([noise]) => *noise,
         Some(levels) => bail!("--noise: found {} levels, expected one for traces in space", levels.len()),
     };

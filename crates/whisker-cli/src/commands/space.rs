@@ -17,7 +17,7 @@ use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, Spati
 use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use testbed::space::replay::{calibrated, knowledge, read_calibration, replay, samples};
 use testbed::space::{SpatialEstimateRow, evaluate_into, largest_reading_n_m, spatial_estimate_row};
-use trace::{Sidecar, SpatialCalibrationFile, SpatialTrace, Trace, is_spatial};
+use trace::{Sidecar, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
@@ -63,12 +63,14 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// A simulated trace with the noise of the options and the calibration in this file.
+    /// A trace with the noise of the options and the calibration in this file.
     ///
     /// # Errors
-    /// If the calibration cannot be read, or is one of another whisker or through another front end.
+    /// If the calibration cannot be read, or is one of another whisker or through another front end, or if the front end models a
+    /// sensor and the trace is a recording of a real one.
     pub(super) fn new(trace: SpatialTrace, options: &InSpace, calibration: &Path) -> anyhow::Result<Self> {
-        Self::with_noise(trace, options, &ReplayNoise::of_simulated(&options.front_end), calibration)
+        let noise = ReplayNoise::of(&trace.sidecar, &options.front_end)?;
+        Self::with_noise(trace, options, &noise, calibration)
     }
 
     fn with_noise(
@@ -97,15 +99,20 @@ struct ReplayNoise {
 }
 
 impl ReplayNoise {
-    fn of_simulated(front_end: &SpatialFrontEnd) -> Self {
-        Self { default: front_end.row.noise, own_sd_n_m: 0.0 }
-    }
-
-    /// That of a planar trace, which may be a recording.
+    /// That of a trace, which may be a recording.
     ///
     /// # Errors
     /// If it is a recording of a real sensor and the front end models one.
-    fn of(planar: &Sidecar, front_end: &SpatialFrontEnd) -> anyhow::Result<Self> {
+    fn of(sidecar: &SpatialSidecar, front_end: &SpatialFrontEnd) -> anyhow::Result<Self> {
+        front_end.check_trace(sidecar)?;
+        Ok(Self { default: front_end.default_noise(sidecar), own_sd_n_m: sidecar.own_noise_sd_n_m() })
+    }
+
+    /// That of a planar trace.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    fn of_planar(planar: &Sidecar, front_end: &SpatialFrontEnd) -> anyhow::Result<Self> {
         let is_recorded = planar.recorded.is_some();
         if is_recorded && front_end.is_noisy() {
             bail!(
@@ -139,10 +146,14 @@ pub(super) fn replay_in_space(
             let mut planar = Trace::read(trace)?;
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;
-            let noise = ReplayNoise::of(&planar.sidecar, &options.front_end)?;
+            let noise = ReplayNoise::of_planar(&planar.sidecar, &options.front_end)?;
             (SpatialTrace::lifted(&planar, suspension, poisson_ratio), noise)
         }
-        _ => (SpatialTrace::read(trace)?, ReplayNoise::of_simulated(&options.front_end)),
+        _ => {
+            let read = SpatialTrace::read(trace)?;
+            let noise = ReplayNoise::of(&read.sidecar, &options.front_end)?;
+            (read, noise)
+        }
     };
     let default = || calibration_of(trace, &read.sidecar.whisker.name, &options.front_end);
     let calibration = calibration.map_or_else(default, Path::to_path_buf);
@@ -284,7 +295,7 @@ mod tests {
         };
         let white = front_end("white");
         let of = |sidecar: &Sidecar| {
-            let ReplayNoise { default, own_sd_n_m } = ReplayNoise::of(sidecar, &white).unwrap();
+            let ReplayNoise { default, own_sd_n_m } = ReplayNoise::of_planar(sidecar, &white).unwrap();
             (default, own_sd_n_m)
         };
         assert_eq!(of(&sidecar), (white.row.noise, 0.0));
@@ -299,7 +310,7 @@ mod tests {
             object_class: None,
         });
         assert_eq!(of(&sidecar), (0.0, 1e-7));
-        let text = ReplayNoise::of(&sidecar, &front_end("hall")).err().expect("a recording").to_string();
+        let text = ReplayNoise::of_planar(&sidecar, &front_end("hall")).err().expect("a recording").to_string();
         assert!(text.contains("found a recording of a real sensor, expected a simulated trace"), "{text}");
     }
 }

@@ -47,7 +47,7 @@ pub fn export_spatial_trace(path: &Path, estimates: Option<&Path>, folder: &Path
     let marks = trace.recording.instants.iter().zip(&trace.truth.instants).map(|(known, truth)| Mark {
         t_s: known.t_s,
         base_m: known.base.position,
-        contact_m: truth.contact.map(|of| of.contact),
+        contact_m: truth.contact_m(),
     });
     let mark = |row: &SpatialEstimateRow| Mark { t_s: row.t_s, base_m: row.base_m(), contact_m: row.truth_contact_m() };
     let of_time = estimates_by_time(path, marks, estimates, "a trace in space", mark)?;
@@ -98,6 +98,9 @@ impl Row<'_> {
     fn truth_in_space(&mut self, truth: &SpatialTruthInstant) -> anyhow::Result<()> {
         if let Some(data) = truth.touching {
             self.write(TOUCHING, &Bool { data })?;
+        }
+        if let Some(place) = &truth.place {
+            self.write(CONTACT, &PointStamped { header: self.header(topics::WORLD), point: point(place) })?;
         }
         let Some(contact) = &truth.contact else { return Ok(()) };
         for (topic, data) in [(TIP, contact.tip), (SPLIT, contact.split)] {
@@ -175,13 +178,19 @@ fn rows(reader: &Reader) -> anyhow::Result<(SpatialRecording, SpatialTruth)> {
             rotation: None,
         }
     };
-    let (instants, truth) = rows_of(reader, begin, |record, message, known, truth: &mut SpatialTruthInstant| {
+    let (instants, mut truth) = rows_of(reader, begin, |record, message, known, truth: &mut SpatialTruthInstant| {
         if OF_CONTACT.contains(&record.topic.as_str()) {
             take_contact(record, message, truth.contact.get_or_insert(EMPTY))
         } else {
             take(record, message, known, truth)
         }
     })?;
+    for truth in &mut truth {
+        // A contact without a normal is one of which the place alone is known.
+        if let Some(contact) = truth.contact.take_if(|contact| contact.normal == EMPTY.normal) {
+            truth.place = Some(contact.contact);
+        }
+    }
     Ok((SpatialRecording { instants }, SpatialTruth { instants: truth }))
 }
 

@@ -11,7 +11,7 @@ use std::path::Path;
 use anyhow::{Context, ensure};
 use nalgebra::Vector2;
 use serde_json::Value;
-use trace::{SpatialCalibrationFile, SpatialFrontEndFile, SpatialSensor, SpatialTrace};
+use trace::{SpatialCalibrationFile, SpatialFrontEndFile, SpatialSensor, SpatialSidecar, SpatialTrace};
 
 use super::{FrontEndConfig, check_made_through, hall, make};
 use crate::settings::merged;
@@ -79,6 +79,26 @@ impl SpatialFrontEnd {
     /// Whether readings depend on the seed even without added noise.
     pub fn is_noisy(&self) -> bool {
         self.chain.has_sensor()
+    }
+
+    /// Default noise added to the readings of a trace, as a fraction of the largest; 0 for recordings of real sensors, which contain
+    /// their own.
+    pub fn default_noise(&self, sidecar: &SpatialSidecar) -> f64 {
+        if sidecar.recorded.is_some() { 0.0 } else { self.row.noise }
+    }
+
+    /// Checks that a trace may be read through this front end.
+    ///
+    /// # Errors
+    /// If the trace is a recording of a real sensor and the front end models one.
+    pub fn check_trace(&self, sidecar: &SpatialSidecar) -> anyhow::Result<()> {
+        let is_allowed = sidecar.recorded.is_none() || !self.chain.has_sensor();
+        let (name, front_end) = (&sidecar.name, self.row.name);
+        ensure!(
+            is_allowed,
+            "{name}: found a recording of a real sensor, expected a simulated trace for the front end `{front_end}`"
+        );
+        Ok(())
     }
 
     /// Description for a calibration or a run, with these sensors. `None` if readings are the moments themselves.
