@@ -75,7 +75,7 @@ mod stanford_whisker;
 use std::path::Path;
 
 use files::Error;
-use trace::{Outline, Trace};
+use trace::{Outline, SpatialTrace, Trace};
 
 pub use mesh::Triangle;
 pub use stanford_whisker::space::{
@@ -92,8 +92,13 @@ pub struct ImporterRow {
     /// One-line description.
     pub about: &'static str,
     /// Imports a mapping file, or a folder in the published layout.
-    pub import: fn(&Path, Progress<'_>) -> Result<Imported, Error>,
+    pub import: Import,
+    /// Imports the same as traces in space. `None` if the format has no recordings in space.
+    pub import_in_space: Option<Import>,
 }
+
+/// Imports the recordings of a path.
+pub type Import = fn(&Path, Progress<'_>) -> Result<Imported, Error>;
 
 /// Receives the number of files that are done, and of all files.
 pub type Progress<'a> = &'a dyn Fn(u64, u64);
@@ -101,8 +106,10 @@ pub type Progress<'a> = &'a dyn Fn(u64, u64);
 /// Result of an import.
 #[derive(Debug, Default)]
 pub struct Imported {
-    /// Imported traces.
+    /// Imported planar traces.
     pub traces: Vec<Trace>,
+    /// Imported traces in space.
+    pub spatial_traces: Vec<SpatialTrace>,
     /// Outlines of the traces' objects, each with the file name given in the trace's sidecar.
     pub outlines: Vec<(String, Outline)>,
     /// Remarks about recordings, for example that they were interpolated.
@@ -117,16 +124,19 @@ pub const IMPORTERS: &[ImporterRow] = &[
         name: own::columns::NAME,
         about: "CSV files of any laboratory, by a mapping file (docs/own-data.md)",
         import: own::import_columns,
+        import_in_space: None,
     },
     ImporterRow {
         name: own::topics::NAME,
         about: "rosbag2 folders and MCAP files of any robot, by a mapping file (docs/own-data.md)",
         import: own::import_topics,
+        import_in_space: None,
     },
     ImporterRow {
         name: stanford_whisker::NAME,
-        about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): planar part of calibrations, pin trials and object sweeps",
+        about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): calibrations, pin trials and object sweeps, their planar part or in space",
         import: stanford_whisker::import,
+        import_in_space: Some(stanford_whisker::space::traces::import),
     },
 ];
 

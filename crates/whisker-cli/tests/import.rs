@@ -5,8 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use nalgebra::Vector3;
+use trace::SpatialTrace;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
+use whisker::rod::Rod;
 use whisker::{Curvature, Whisker};
 
 const CALIBRATION: &str = "data/all_datasets/calibration/curved_calib_May_22_try2.csv";
@@ -30,6 +33,7 @@ fn good(arguments: &[&str]) -> String {
 /// A wire and its pose on the rig, both different from the drawing, as on a real rig.
 struct Rig {
     elastica: Elastica,
+    rod: Rod,
     base: Pose<World, Base>,
     reference_mm: [f64; 3],
 }
@@ -48,7 +52,8 @@ impl Rig {
             .named("wire")
             .with_curvature(curvature.map(|(length_m, curvature_per_m)| Curvature::new(length_m, curvature_per_m)));
         let base: Pose<Base, World> = Pose::new(0.001, 0.0055, -1.85);
-        Self { elastica: Elastica::new(&wire).unwrap(), base: base.inverse(), reference_mm }
+        let (elastica, rod) = (Elastica::new(&wire).unwrap(), Rod::round(&wire, 0.33).unwrap());
+        Self { elastica, rod, base: base.inverse(), reference_mm }
     }
 
     /// Reading (counts) with the pin at this offset from the reference (mm). Equals the reading at rest if the pin does
@@ -57,6 +62,28 @@ impl Rig {
         let pin = self.base.apply(Point::new(1e-3 * x_mm, 1e-3 * y_mm));
         let moment_n_m = self.elastica.at_point(pin).map_or(0.0, |contact| contact.deflection.moment_n_m.min(0.0));
         -40.0 - 2e7 * moment_n_m - 5e14 * moment_n_m.powi(3)
+    }
+
+    /// Readings of both channels (counts) with a pin that holds the wire at this offset from the reference (mm), of a sensor that is
+    /// turned about the whisker.
+    fn counts_in_space(&self, [x_mm, y_mm, z_mm]: [f64; 3]) -> [f64; 2] {
+        let pin = self.base.apply(Point::new(1e-3 * x_mm, 1e-3 * y_mm));
+        let contact = self.rod.at_point(Vector3::new(pin.x(), pin.y(), 1e-3 * z_mm));
+        let moment_n_m = contact.map_or(Vector3::zeros(), |contact| contact.deflection.moment_n_m);
+        // The pin touches one side of the wire.
+        let [y_n_m, z_n_m] = if moment_n_m.z < 0.0 { [moment_n_m.y, moment_n_m.z] } else { [0.0; 2] };
+        [90.0 + 1.8e7 * y_n_m + 6e6 * z_n_m, -40.0 + 2e6 * y_n_m - 2e7 * z_n_m - 5e14 * z_n_m.powi(3)]
+    }
+
+    fn table_in_space(&self, places_mm: impl IntoIterator<Item = [f64; 3]>) -> String {
+        let mut table = String::from(",px,py,pz,sx,sy,sz\n");
+        for (index, place) in places_mm.into_iter().enumerate() {
+            let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| self.reference_mm[axis] + place[axis]);
+            let noise = if index.is_multiple_of(2) { 2.0 } else { -2.0 };
+            let [first, second] = self.counts_in_space(place).map(|counts| counts + noise);
+            writeln!(table, "{index},{x},{y},{z},{first},{second},-550.0").unwrap();
+        }
+        table
     }
 
     fn row(&self, table: &mut String, index: usize, (x_mm, y_mm): (f64, f64)) {
@@ -172,6 +199,102 @@ fn verif_outlines_of_objects_come_from_their_meshes() {
 
     fs::write(source.path().join(MESH), &mesh()[..200]).unwrap();
     fails_on(source.path(), &["ConeFixture.stl", "found 200", "484 bytes of a binary STL"]);
+}
+
+/// Clone of the repository with a calibration in space, and a trial with a pin 1.5 mm above the whisker's plane.
+fn clone_in_space() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let curved = Rig::curved();
+    // Lines along -x at several depths and heights, each after one reading at rest.
+    let lines = (0..7).flat_map(|depth| (-3..=3).map(move |height| (-0.6 - 1.4 * f64::from(depth), f64::from(height))));
+    let grid = lines.flat_map(|(y, z)| {
+        let line = (0..12).map(move |i| [3.0 - 3.6 * f64::from(i), y, 2.0 * z]);
+        std::iter::once([5.0, 0.0, 0.0]).chain(line)
+    });
+    write(&folder.path().join(CALIBRATION), &curved.table_in_space(grid));
+    let trial = (0..90).map(|i| [3.0 - 0.5 * f64::from(i), -3.3, 1.5]);
+    write(&folder.path().join(TRIAL), &curved.table_in_space(trial));
+    folder
+}
+
+#[test]
+fn verif_known_contacts_are_found_in_recordings_in_space() {
+    let (source, work) = (clone_in_space(), tempfile::tempdir().unwrap());
+    let dataset = work.path().join("stanford");
+    let output = good(&["import", "stanford-whisker", text(source.path()), "--space", "--out", text(&dataset)]);
+    assert!(output.contains("real pins") && !output.contains("warning"), "{output}");
+    good(&["check", text(&dataset)]);
+    let trial = "05_22_23_try2-curved_test_May_22_trial0";
+    let read = SpatialTrace::read(&dataset.join(trial)).unwrap();
+    let recorded = read.sidecar.recorded.as_ref().unwrap();
+    assert_eq!(recorded.rest_counts, [92.0, -38.0]);
+    assert_eq!(read.to_csv(), fs::read_to_string(dataset.join(format!("{trial}.csv"))).unwrap());
+    // The pin is the origin of World, and only its place is known.
+    let known: Vec<_> = read.truth.instants.iter().filter(|truth| truth.touching == Some(true)).collect();
+    assert!(known.len() > 40 && known.iter().all(|truth| truth.place == Some(Vector3::zeros())));
+    assert!(known.iter().all(|truth| truth.contact.is_none()));
+
+    let fitted = good(&["fit", text(&dataset)]);
+    assert!(fitted.contains("polynomial-5"), "{fitted}");
+    let results = work.path().join("results");
+    let run = ["evaluate", text(&dataset), "--estimators", "point", "--results", text(&results)];
+    good(&run);
+    let trials = results.join("stanford/space_trials.csv");
+    let number = |name: &str| column(&trials, name)[0].parse::<f64>().unwrap();
+    assert_eq!(column(&trials, "rmse_m").len(), 1, "no noise is added, so that one seed suffices");
+    assert!(number("rmse_m") < 0.5e-3 && number("answered") > 0.9, "{} m", number("rmse_m"));
+    assert_eq!((column(&trials, "normal_rad")[0].as_str(), column(&trials, "surface_m")[0].as_str()), ("", ""));
+    let estimates = work.path().join("estimates.csv");
+    let path = dataset.join(format!("{trial}.csv"));
+    good(&["replay", text(&path), "--estimator", "point", "--out", text(&estimates)]);
+    assert_eq!(column(&estimates, "truth_contact_z_m").iter().filter(|cell| !cell.is_empty()).count(), known.len());
+}
+
+/// Asserts that an import in space fails with a single line that contains every one of `words`.
+fn fails_in_space(file: &str, change: impl Fn([f64; 7]) -> [f64; 7], words: &[&str]) {
+    let (source, out) = (clone_in_space(), tempfile::tempdir().unwrap());
+    let path = source.path().join(file);
+    let table = fs::read_to_string(&path).unwrap();
+    let rows = table.lines().skip(1).map(|line| {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        change(cells.try_into().unwrap()).map(|cell| cell.to_string()).join(",") + "\n"
+    });
+    fs::write(&path, ",px,py,pz,sx,sy,sz\n".to_owned() + &rows.collect::<String>()).unwrap();
+    let output = whisker(&["import", "stanford-whisker", text(source.path()), "--space", "--out", text(out.path())]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
+    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+    let [failure] = failures[..] else { panic!("printed:\n{errors}") };
+    for word in words {
+        assert!(failure.contains(word), "does not contain `{word}`: {errors}");
+    }
+}
+
+#[test]
+fn robust_recordings_without_a_third_dimension_are_named() {
+    let flat = |[i, x, y, _, a, b, c]: [f64; 7]| [i, x, y, 16.1023935, a, b, c];
+    fails_in_space(
+        CALIBRATION,
+        flat,
+        &["try2.csv:2: column 4, `pz`", "found contacts up to 0.000 mm", "expected lines"],
+    );
+    let silent = |[i, x, y, z, _, b, c]: [f64; 7]| [i, x, y, z, 90.0, b, c];
+    fails_in_space(
+        CALIBRATION,
+        silent,
+        &["try2.csv:2: column 5, `sx`", "found 90 in all", "expected the readings of two"],
+    );
+    fails_in_space(TRIAL, silent, &["trial0.csv:2: column 5, `sx`", "found 90 in all", "expected the readings of two"]);
+    let metres = |[i, x, y, z, a, b, c]: [f64; 7]| [i, 1e-3 * x, 1e-3 * y, 1e-3 * z, a, b, c];
+    fails_in_space(
+        TRIAL,
+        metres,
+        &["trial0.csv:2: column 2, `px`", "found a stage that travels 0.0", "in mm, not in m"],
+    );
+
+    let output = whisker(&["import", "csv", "mapping.json", "--space"]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("--space: found the format `csv`") && errors.contains("expected one of"), "{errors}");
 }
 
 #[test]

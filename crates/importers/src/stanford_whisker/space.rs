@@ -1,7 +1,10 @@
 //! The recordings in space: all three axes of the stage and both bending channels of the Hall sensor.
 //!
 //! A calibration is a list of labelled contacts; a pin trial has the true contact of every row; a sweep has the pose of the
-//! sensor in the frame of the object, and the object's mesh if it is published. `docs/REAL.md` specifies the frames.
+//! sensor in the frame of the object, and the object's mesh if it is published. `docs/REAL.md` specifies the frames. [`traces`]
+//! makes traces of them.
+
+pub(crate) mod traces;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,8 +16,8 @@ use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 
 use super::{
-    Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor, Table,
-    Test, attempt, folders, lines, stem, tables,
+    COLUMNS, Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor,
+    Table, Test, attempt, folders, lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
 use crate::registration::{Mounted, pieces};
@@ -34,6 +37,25 @@ const SMALLEST_MESH_MM: f64 = 1.0;
 
 /// Rounding of the coordinates of a mesh (mm).
 const ROUNDED_MM: f64 = 1e-3;
+
+/// Smallest travel of a stage below which the unit of its positions cannot be the millimetre.
+const SMALLEST_TRAVEL_MM: f64 = 1.0;
+
+/// The file of a recording, as far as its trace states it.
+#[derive(Clone, Debug, PartialEq)]
+struct Source {
+    /// Hash of the file.
+    sha256: String,
+    /// Reading of both bending channels in the first row, from which the readings are counted.
+    first_counts: Vector2<f64>,
+}
+
+impl Source {
+    fn of(table: &Table) -> Self {
+        let [out_of_plane, in_plane, _] = table.rows[0].channels;
+        Self { sha256: table.sha256.clone(), first_counts: Vector2::new(out_of_plane, in_plane) }
+    }
+}
 
 /// The recordings of a clone.
 #[derive(Debug, Default)]
@@ -72,6 +94,11 @@ pub struct SpatialCalibration {
     pub root_m: Vector3<f64>,
     /// The wire of the planar registration.
     pub wire: Wire,
+    /// The same with the pose of its base.
+    mounted: Mounted,
+    /// Standard deviations of the noise of both channels at rest (counts).
+    noise_sd_counts: Vector2<f64>,
+    source: Source,
 }
 
 /// The wire of a planar registration, without an end: where its tip is, the registration does not tell.
@@ -87,12 +114,7 @@ impl Wire {
 
     /// `None` if the wire has no elastica.
     fn new(mounted: &Mounted) -> Option<Self> {
-        let [straight, arc, ..] = mounted.whisker.curvature[..] else { return None };
-        let [first, second] = pieces(straight.length_m, Self::LENGTH_M, arc.curvature_per_m)[..] else { return None };
-        // In two parts, because the rotation of a piece is limited.
-        let half = whisker::Curvature { length_m: 0.5 * second.length_m, ..second };
-        let whisker =
-            Whisker { length_m: Self::LENGTH_M, curvature: vec![first, half, half], ..mounted.whisker.clone() };
+        let whisker = with_length(&mounted.whisker, Self::LENGTH_M)?;
         Some(Self { elastica: Elastica::new(&whisker).ok()?, to_base: mounted.base.inverse() })
     }
 
@@ -102,6 +124,15 @@ impl Wire {
         let contact = self.to_base.apply(Point::new(contact_m.x, contact_m.y));
         self.elastica.at_point(contact).ok().map(|found| found.load.arc_m)
     }
+}
+
+/// A registered wire with another length. `None` if it is no straight piece followed by an arc.
+fn with_length(whisker: &Whisker, length_m: f64) -> Option<Whisker> {
+    let [straight, arc, ..] = whisker.curvature[..] else { return None };
+    let [first, second] = pieces(straight.length_m, length_m, arc.curvature_per_m)[..] else { return None };
+    // In two parts, because the rotation of a piece is limited.
+    let half = whisker::Curvature { length_m: 0.5 * second.length_m, ..second };
+    Some(Whisker { length_m, curvature: vec![first, half, half], ..whisker.clone() })
 }
 
 /// A pin trial.
@@ -115,6 +146,7 @@ pub struct SpatialTrial {
     pub calibration: usize,
     /// Readings with the true positions of the pin.
     pub rows: Vec<Labelled>,
+    source: Source,
 }
 
 /// A sweep over an object.
@@ -131,6 +163,7 @@ pub struct SpatialSweep {
     pub rows: Vec<(Vector3<f64>, Vector2<f64>)>,
     /// Surface of the object in its frame (m). `None` if no mesh of it is published.
     pub mesh: Option<Vec<Triangle>>,
+    source: Source,
 }
 
 /// Reads the recordings of a clone of the repository in space.
@@ -158,13 +191,35 @@ pub fn stanford_in_space(folder: &Path) -> Result<SpatialRecordings, Error> {
     Ok(recordings)
 }
 
+/// The error of a column as a whole, at its first value.
+fn wrong(table: &Table, name: &str, found: String, expected: &str) -> Error {
+    let column = COLUMNS.iter().position(|known| *known == name).map_or(0, |index| index + 1);
+    let place = format!("column {column}, `{name}`");
+    Error::Table { path: table.path.clone(), line: 2, place, found, expected: expected.into() }
+}
+
+/// Reads a file, whose positions must be in millimetres.
+fn read(path: &Path) -> Result<Table, Error> {
+    let table = Table::read(path)?;
+    let travel_mm = |axis: usize| {
+        let values = || table.rows.iter().map(|row| row.stage_m[axis] / M_PER_MM);
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+    };
+    let most_mm = (0..3).map(travel_mm).fold(0.0, f64::max);
+    if table.rows.len() > 1 && most_mm < SMALLEST_TRAVEL_MM {
+        let found = format!("a stage that travels {most_mm:.3}");
+        return Err(wrong(&table, "px", found, "positions px, py and pz in mm, not in m"));
+    }
+    Ok(table)
+}
+
 /// Readings of both bending channels above that of the first row.
 fn channels(table: &Table) -> Result<Vec<Vector2<f64>>, Error> {
     let first = table.rows[0].channels;
     for (axis, name) in [(0, "sx"), (1, "sy")] {
         if table.rows.len() > 1 && table.rows.iter().all(|row| row.channels[axis] == first[axis]) {
             let found = format!("{} in all {} rows", first[axis], table.rows.len());
-            return Err(Error::value(&table.path, name, found, "the readings of two bending channels, sx and sy"));
+            return Err(wrong(table, name, found, "the readings of two bending channels, sx and sy"));
         }
     }
     let above = |row: &Row| Vector2::new(row.channels[0] - first[0], row.channels[1] - first[1]);
@@ -181,25 +236,36 @@ fn labelled(sensor: &Sensor, table: &Table) -> Result<Vec<Labelled>, Error> {
 }
 
 fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibration, Error> {
-    let table = Table::read(path)?;
+    let table = read(path)?;
     let rows = labelled(sensor, &table)?;
     let most_m = rows.iter().map(|row| row.contact_m.z.abs()).fold(0.0, f64::max);
     if most_m < PLANE_M {
         let found = format!("contacts up to {:.3} mm out of the whisker's plane", most_m / M_PER_MM);
-        return Err(Error::value(
-            path,
-            "pz",
-            found,
-            "lines of contacts on both sides of the plane, for a model in space",
-        ));
+        return Err(wrong(&table, "pz", found, "lines of contacts on both sides of the plane, for a model in space"));
     }
     let lines = lines(&table.rows);
-    let mounted = Calibrated::read(sensor, path)?.registration.mounted;
+    let Calibrated { registration, touch_counts, .. } = Calibrated::read(sensor, path)?;
+    let mounted = registration.mounted;
     let root = mounted.base.origin();
     let root_m = Vector3::new(root.x(), root.y(), 0.0);
     let wire = Wire::new(&mounted)
         .ok_or_else(|| Error::value(path, "rows", "none", "contacts that determine the shape of the wire"))?;
-    Ok(SpatialCalibration { path: path.into(), name: stem(path), rows, lines, root_m, wire })
+    let noise_sd_counts = Vector2::new(0, 1).map(|axis| {
+        let rows = table.rows.iter().map(|row| Row { counts: row.channels[axis], ..*row }).collect();
+        Table { path: path.into(), rows, sha256: String::new() }.noise_sd_counts(touch_counts)
+    });
+    let source = Source::of(&table);
+    Ok(SpatialCalibration {
+        path: path.into(),
+        name: stem(path),
+        rows,
+        lines,
+        root_m,
+        wire,
+        mounted,
+        noise_sd_counts,
+        source,
+    })
 }
 
 /// Reads a test, unless its name is that of no test.
@@ -220,12 +286,13 @@ fn test(
         let expected = format!("`{}<date>{}.csv`", sensor.calibration, attempt(&session_name));
         Error::value(path, "calibration", "none", format!("{expected} in {FOLDER}/calibration"))
     })?;
-    let table = Table::read(path)?;
+    let table = read(path)?;
+    let source = Source::of(&table);
     let name = format!("{}-{}", session_name.trim_start_matches("tip_test_"), stem(path));
     match kind {
         Test::Pin(_) => {
             let rows = labelled(sensor, &table)?;
-            recordings.pins.push(SpatialTrial { name, session: session_name, calibration, rows });
+            recordings.pins.push(SpatialTrial { name, session: session_name, calibration, rows, source });
         }
         Test::Sweep(object) => {
             let [x_mm, y_mm] = OBJECTS_MM;
@@ -233,7 +300,7 @@ fn test(
             let rows = table.rows.iter().zip(channels(&table)?);
             let rows = rows.map(|(row, counts)| (Vector3::from(row.stage_m) - origin_m, counts)).collect();
             let mesh = mesh(folder, &object, meshes)?;
-            recordings.sweeps.push(SpatialSweep { name, object, calibration, rows, mesh });
+            recordings.sweeps.push(SpatialSweep { name, object, calibration, rows, mesh, source });
         }
     }
     Ok(())
@@ -311,7 +378,7 @@ mod tests {
         let home = clone_with(&table(0.1, f64::from));
         let message = stanford_in_space(home.path()).unwrap_err().to_string();
         assert!(
-            message.contains("sensor1_tip_calib_May_04.csv: pz: found contacts up to 0.200 mm out of"),
+            message.contains("sensor1_tip_calib_May_04.csv:2: column 4, `pz`: found contacts up to 0.200 mm out of"),
             "{message}"
         );
     }
@@ -320,7 +387,10 @@ mod tests {
     fn robust_a_recording_with_one_channel_is_named() {
         let home = clone_with(&table(3.0, |_| 0.0));
         let message = stanford_in_space(home.path()).unwrap_err().to_string();
-        assert!(message.contains("sx: found 0 in all 40 rows, expected the readings of two bending"), "{message}");
+        assert!(
+            message.contains(".csv:2: column 5, `sx`: found 0 in all 40 rows, expected the readings of two bending"),
+            "{message}"
+        );
         let home = clone_with(&table(3.0, f64::from).replace("sx,sy,sz", "sy,sz"));
         assert!(stanford_in_space(home.path()).is_err());
     }

@@ -7,10 +7,10 @@ use std::slice;
 
 use anyhow::{Context, bail};
 use files::{Error, check_replaces_own, read_json, write_atomically};
-use importers::{IMPORTERS, importer};
+use importers::{IMPORTERS, Imported, importer};
 use serde_json::Value;
-use testbed::plausibility::Subject;
-use trace::{Outline, Role, Trace, is_trace_table};
+use testbed::plausibility::{Subject, spatial_findings};
+use trace::{Outline, Role, Sidecar, SpatialSidecar, is_trace_table};
 
 use super::output::reserve_folder;
 use super::progress::Progress;
@@ -28,7 +28,10 @@ pub(super) struct Arguments {
     /// Mapping file, or folder with the recordings of a published format
     #[arg(required_unless_present = "list")]
     path: Option<PathBuf>,
-    /// Folder for the traces [default: datasets/<format>]
+    /// Import traces in space, with all axes and channels, in place of planar traces
+    #[arg(long)]
+    space: bool,
+    /// Folder for the traces [default: datasets/<format>, datasets/<format>-space with --space]
     #[arg(long)]
     out: Option<PathBuf>,
     /// List the formats
@@ -46,20 +49,31 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let known: Vec<_> = IMPORTERS.iter().map(|row| row.name).collect();
         format!("unknown format `{format}`, expected one of: {}", known.join(", "))
     })?;
-    let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(row.name));
+    let (import, default) = match (arguments.space, row.import_in_space) {
+        (false, _) => (row.import, row.name.to_owned()),
+        (true, Some(import)) => (import, format!("{}-space", row.name)),
+        (true, None) => {
+            let known = IMPORTERS.iter().filter(|row| row.import_in_space.is_some()).map(|row| row.name);
+            let known = known.collect::<Vec<_>>().join(", ");
+            bail!("--space: found the format `{format}`, whose recordings are planar, expected one of: {known}")
+        }
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(default));
     let _lock = reserve_folder(&out, slice::from_ref(path))?;
     let progress = Progress::of("importing");
-    let imported = (row.import)(path, &|done, all| {
+    let imported = import(path, &|done, all| {
         progress.set_length(all);
         progress.set_position(done);
     })?;
     drop(progress);
-    if imported.traces.is_empty() {
+    if imported.traces.is_empty() && imported.spatial_traces.is_empty() {
         print_failures(&imported.failures);
         bail!("{}: found no recordings that can be imported", path.display());
     }
-    for trace in &imported.traces {
-        check_replaces_imported(&out.join(format!("{}.csv", trace.sidecar.name)), trace)?;
+    let planar = imported.traces.iter().map(|trace| (&trace.sidecar.name, &trace.sidecar.generator.name));
+    let spatial = imported.spatial_traces.iter().map(|trace| (&trace.sidecar.name, &trace.sidecar.generator.name));
+    for (name, generator) in planar.chain(spatial) {
+        check_replaces_imported(&out.join(format!("{name}.csv")), generator)?;
     }
     for (file, _) in &imported.outlines {
         check_replaces_own(&out.join(file), "an outline", |path| Outline::read(path).is_ok())?;
@@ -71,7 +85,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for trace in &imported.traces {
         trace.write(&out)?;
     }
-    print(&format!("{}{}\n", contents(&imported.traces), out.display()))?;
+    for trace in &imported.spatial_traces {
+        trace.write(&out)?;
+    }
+    print(&format!("{}{}\n", contents(&imported), out.display()))?;
     for note in &imported.notes {
         eprintln!("note: {note}");
     }
@@ -80,20 +97,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             eprintln!("warning: {}: {finding}", trace.sidecar.name);
         }
     }
+    for trace in &imported.spatial_traces {
+        for finding in spatial_findings(trace) {
+            eprintln!("warning: {}: {finding}", trace.sidecar.name);
+        }
+    }
     print_failures(&imported.failures);
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Checks that a trace replaces nothing but a trace of the same importer.
+/// Checks that a trace replaces nothing but a trace of the same importer, `generator`.
 ///
 /// # Errors
 /// If one of its two files is there and is none of this importer.
-fn check_replaces_imported(path: &Path, trace: &Trace) -> Result<(), Error> {
+fn check_replaces_imported(path: &Path, generator: &str) -> Result<(), Error> {
     check_replaces_own(path, "a trace", |path| is_trace_table(path).unwrap_or(false))?;
-    let generator = &trace.sidecar.generator.name;
     let kind = format!("the sidecar of a trace that `whisker import {generator}` wrote");
     check_replaces_own(&path.with_extension("json"), &kind, |path| {
-        read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace" && file["generator"]["name"] == **generator)
+        read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace" && file["generator"]["name"] == generator)
     })
 }
 
@@ -104,24 +125,28 @@ fn print_failures(failures: &[Error]) {
 }
 
 /// Table of the imported traces, one row per whisker and group.
-fn contents(traces: &[Trace]) -> String {
-    let mut rows: Vec<Vec<String>> = Vec::new();
-    let mut of_group: BTreeMap<(&str, Role, &str), Vec<&Trace>> = BTreeMap::new();
-    for trace in traces {
-        let sidecar = &trace.sidecar;
-        of_group.entry((&sidecar.whisker.name, sidecar.role, &sidecar.group)).or_default().push(trace);
+fn contents(imported: &Imported) -> String {
+    let planar = imported.traces.iter().map(|trace| {
+        let known = trace.truth.instants.iter().filter(|truth| truth.contact.is_some()).count();
+        let Sidecar { whisker, group, role, rows, .. } = &trace.sidecar;
+        ((&whisker.name, *role, group), *rows, known)
+    });
+    let spatial = imported.spatial_traces.iter().map(|trace| {
+        let known = trace.truth.instants.iter().filter(|truth| truth.contact_m().is_some()).count();
+        let SpatialSidecar { whisker, group, role, rows, .. } = &trace.sidecar;
+        ((&whisker.name, *role, group), *rows, known)
+    });
+    let mut of_group: BTreeMap<(&String, Role, &String), [usize; 3]> = BTreeMap::new();
+    for (key, rows, known) in planar.chain(spatial) {
+        let counts = of_group.entry(key).or_default();
+        for (count, added) in counts.iter_mut().zip([1, rows, known]) {
+            *count += added;
+        }
     }
-    for ((whisker, role, group), members) in of_group {
-        let instants: usize = members.iter().map(|trace| trace.sidecar.rows).sum();
-        let known = members.iter().flat_map(|trace| &trace.truth.instants).filter(|truth| truth.contact.is_some());
-        rows.push(vec![
-            whisker.into(),
-            group.into(),
-            role.name().into(),
-            members.len().to_string(),
-            instants.to_string(),
-            known.count().to_string(),
-        ]);
-    }
+    let row = |((whisker, role, group), counts): (&(&String, Role, &String), &[usize; 3])| {
+        let words = [whisker.as_str(), group.as_str(), role.name()].map(str::to_owned);
+        [&words[..], &counts.map(|count| count.to_string())].concat()
+    };
+    let rows: Vec<Vec<String>> = of_group.iter().map(row).collect();
     table::render(&["whisker", "group", "role", "traces", "rows", "known contacts"], &rows, 3)
 }
