@@ -11,9 +11,10 @@ import whisker_sim
 from whisker_sim.arm.model import build_arm_mjcf
 from whisker_sim.documents import located
 from whisker_sim.errors import InputError
-from whisker_sim.model import MM_PER_M, build_mjcf
+from whisker_sim.model import MM_PER_M
 from whisker_sim.runs import Run
 from whisker_sim.shapes.base import mjcf
+from whisker_sim.sweep import sweep_mjcf
 from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import Array
 
@@ -60,7 +61,7 @@ def sweep_at_start(run: Run) -> Start:
     """
     scene = run.scene
     pose = scene.plan().poses[0]
-    root = ET.fromstring(build_mjcf(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient))
+    root = ET.fromstring(sweep_mjcf(scene))
     _put_base_at(root, pose)
     return Start(root, "the velocities of the base: x and y in mm/s, yaw in rad/s")
 

@@ -1,4 +1,4 @@
-"""Free-standing objects of a scene; `table` builds their models."""
+"""Free-standing objects of scenes; `table` and `yielding` build their models."""
 
 from typing import Annotated
 
@@ -6,6 +6,16 @@ import msgspec
 
 from whisker_sim.shapes import AnyShape
 from whisker_sim.whisker import Length, Positive
+
+TableFriction = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+"""Coefficient of Coulomb friction between an object and the table."""
+
+
+class Stand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Free stand of the object of a sweep: it slides on the table and turns about the vertical, and does not tip."""
+
+    mass_kg: Annotated[float, msgspec.Meta(ge=1e-4, le=1.0)]
+    friction: TableFriction = 0.5
 
 
 class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -15,8 +25,7 @@ class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     object: AnyShape
     mass_kg: Positive
     height_m: Length
-    friction: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.5
-    """Coefficient of Coulomb friction between object and table."""
+    friction: TableFriction = 0.5
 
     def __post_init__(self) -> None:
         if not self.object.convex:

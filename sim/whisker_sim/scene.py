@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from whisker_sim.free_object import Stand
 from whisker_sim.motions import AnyMotion, Plan, Stage
 from whisker_sim.replay import Replay
 from whisker_sim.shapes import AnyShape
@@ -18,6 +19,7 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_SEED)]
 Format = Literal[1]
 Velocity = Annotated[float, msgspec.Meta(ge=-0.01, le=0.01)]
 Friction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+Stiffness = Annotated[float, msgspec.Meta(ge=2.0, le=1000.0)]
 
 
 class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -110,6 +112,10 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     """Coefficient of Coulomb friction between whisker and object; no friction if not stated."""
     object_velocity_m_s: tuple[Velocity, Velocity] | msgspec.UnsetType = msgspec.UNSET
     """Velocity of the object in World, from the start on; at rest if not stated. `object` is its pose at the start."""
+    object_stand: Stand | msgspec.UnsetType = msgspec.UNSET
+    """Free stand of the object on a table; the object is fixed if not stated. `object` is its pose at the start."""
+    object_stiffness_n_m: Stiffness | msgspec.UnsetType = msgspec.UNSET
+    """Contact force over indentation of the object's surface; rigid if not stated."""
     rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e5)] = 250.0
     simulation: str | Simulation = Simulation()
     """A name is replaced by its settings on reading, so that a scene and the sidecar of a trace contain the settings themselves."""
@@ -120,6 +126,33 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
         super().__post_init__()
         if self.friction_coefficient > 0.0 and not self.object.convex:
             raise ValueError(f"friction: expected none with an object that is not convex ('{self.shape}'), found {self.friction}")
+        if self.yields:
+            self._check_yielding()
+
+    def _check_yielding(self) -> None:
+        """Raises `ValueError` for properties that an object which gives way cannot have."""
+        key = "object_stand" if self.stand is not None else "object_stiffness_n_m"
+        if not self.object.convex:
+            raise ValueError(f"{key}: expected none with an object that is not convex, found '{self.shape}'")
+        if self.friction_coefficient > 0.0:
+            raise ValueError(f"friction: expected none with {key}, found {self.friction}")
+        if self.object_velocity_m_s is not msgspec.UNSET:
+            raise ValueError(f"object_velocity_m_s: expected none with {key}, found {list(self.object_velocity_m_s)}")
+
+    @property
+    def stand(self) -> Stand | None:
+        """Free stand of the object, `None` if it is fixed."""
+        return None if self.object_stand is msgspec.UNSET else self.object_stand
+
+    @property
+    def stiffness_n_m(self) -> float | None:
+        """Stiffness of the object's surface, `None` if it is rigid."""
+        return None if self.object_stiffness_n_m is msgspec.UNSET else self.object_stiffness_n_m
+
+    @property
+    def yields(self) -> bool:
+        """Whether the object gives way."""
+        return self.stand is not None or self.stiffness_n_m is not None
 
     @property
     def shape(self) -> str:

@@ -1,6 +1,6 @@
 """Simulation of a scene: plans the motion, integrates the physics, computes the ground truth."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from whisker_sim.documents import located
 from whisker_sim.errors import SimulationError
-from whisker_sim.model import BASE_LAG_S, MM_PER_M, N_PER_UN, SENSORS, build_model
+from whisker_sim.model import BASE_LAG_S, MM_PER_M, N_PER_UN, SENSORS
 from whisker_sim.motions import Plan
 from whisker_sim.motions.base import REST_S
 from whisker_sim.progress import report_share
 from whisker_sim.runs import Run
 from whisker_sim.scene import Scene
+from whisker_sim.sweep import build_sweep_model
 from whisker_sim.truth import (
     SEPARATE_M,
     CenterLine,
@@ -28,6 +29,7 @@ from whisker_sim.truth import (
     nearest_contact,
 )
 from whisker_sim.whisker import Array
+from whisker_sim.yielding import Yielding, yielding
 
 # By default MuJoCo writes warnings to a log file in the working directory; here a warning fails the trace.
 _warnings: list[str] = []
@@ -67,9 +69,16 @@ class Simulated:
     """`None` for convex objects. For others `force_n` is that of the contact `truth` alone."""
     object_m: Array | None = None
     """Displacements (n, 2) of the object since the start; `None` if it is at rest."""
+    yielding: Yielding | None = None
+    """`None` for objects that do not give way."""
 
     def relative_to_object(self) -> "Simulated":
-        """The same with positions relative to those of the object, which then is at rest at its pose at the start."""
+        """The same with positions relative to those of the object, which then is at rest at its pose at the start.
+
+        Positions are relative to the indented surface, if the surface is elastic.
+        """
+        if self.yielding is not None:
+            return replace(transformed(self, self.yielding.to_start, -self.yielding.yaw_rad), yielding=None)
         return self if self.object_m is None else replace(displaced(self, -self.object_m), object_m=None)
 
 
@@ -84,11 +93,27 @@ def displaced(simulated: Simulated, by_m: Array) -> Simulated:
     )
 
 
+def transformed(simulated: Simulated, place: Callable[[Array], Array], yaw_rad: Array) -> Simulated:
+    """A copy with base and contact at the places that `place` returns for positions (n, 2), rotated by `yaw_rad` (n,)."""
+    pose, truth = simulated.base_pose, simulated.truth
+    return replace(
+        simulated,
+        base_pose=np.column_stack((place(pose[:, :2]), pose[:, 2] + yaw_rad)),
+        truth=replace(
+            truth,
+            contact_m=place(truth.contact_m),
+            surface_m=place(truth.surface_m),
+            tangent_rad=truth.tangent_rad + yaw_rad,
+        ),
+    )
+
+
 def simulate(run: Run) -> Simulated:
     """Simulates `run`.
 
     The physics is the same in every frame at constant velocity: a moving object is at rest in the frame of the integration, in
-    which the base moves with the opposite velocity in addition to the planned motion.
+    which the base moves with the opposite velocity in addition to the planned motion. If the object gives way, the integration is
+    in World, and the contact is determined in the frame of the displaced outline.
 
     Raises `InputError` if the motion does not fit the scene, and `SimulationError` if the physics fails or the contact is not the
     one that the motion guarantees.
@@ -98,15 +123,18 @@ def simulate(run: Run) -> Simulated:
         plan = scene.plan()
     except ValueError as error:
         raise located(run.path, str(error)) from None
-    qpos, qvel, sensors = _integrate(scene, plan)
+    qpos, qvel, sensors, gave_way = _integrate(scene, plan)
     time_s = np.arange(len(qpos)) / scene.rate_hz
     whisker = scene.resolved_whisker
+    rotations_rad = qpos[:, 3 : 4 + whisker.segments]
     base_pose = qpos[:, :3] / (MM_PER_M, MM_PER_M, 1.0)
     cos, sin = np.cos(base_pose[:, 2]), np.sin(base_pose[:, 2])
     object_m = scene.object_m(time_s)
     vx, vy = qvel[:, :2].T / MM_PER_M + scene.object_m(np.ones(1)).T
     force_n = N_PER_UN * np.sqrt(np.sum(sensors[:, SENSORS["force"]] ** 2, axis=1))
-    line = CenterLine.from_joints(whisker, base_pose, qpos[:, 3:])
+    if gave_way is not None:
+        base_pose = np.column_stack((gave_way.to_start(base_pose[:, :2]), base_pose[:, 2] - gave_way.yaw_rad))
+    line = CenterLine.from_joints(whisker, base_pose, rotations_rad)
     truth = nearest_contact(line, scene.object)
     second = None
     if not scene.object.convex:
@@ -118,7 +146,7 @@ def simulate(run: Run) -> Simulated:
         time_s=time_s,
         base_pose=base_pose,
         base_twist=np.stack((cos * vx + sin * vy, cos * vy - sin * vx, qvel[:, 2]), axis=-1),
-        rotations_rad=qpos[:, 3:],
+        rotations_rad=rotations_rad,
         touching=force_n > 0.0,
         force_n=force_n if second is None else first_force_n,
         nearest=np.zeros(len(qpos), dtype=int),
@@ -130,15 +158,17 @@ def simulate(run: Run) -> Simulated:
     )
     if np.any(object_m):
         simulated = replace(displaced(simulated, object_m), object_m=object_m)
-    # From an object that is not convex the whisker may jump off at any time after the touch.
-    guaranteed = plan.touching if scene.object.convex else [(start_s, start_s) for start_s, _ in plan.touching]
+    if gave_way is not None:
+        simulated = replace(transformed(simulated, gave_way.to_world, gave_way.yaw_rad), yielding=gave_way)
+    # From an object that is not convex the whisker may jump off at any time after the touch; one that gives way may stay behind.
+    guaranteed = plan.touching if scene.object.convex and not scene.yields else [(start_s, start_s) for start_s, _ in plan.touching]
     check_contacts(simulated, guaranteed, _slipping(simulated, plan))
     return simulated
 
 
-def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
-    """Positions, velocities and sensor data at the logged instants, in the units of the model."""
-    model = build_model(scene.resolved_whisker, scene.object, scene.simulation.timestep_s, scene.friction_coefficient)
+def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array, Yielding | None]:
+    """Positions, velocities and sensor data at the logged instants, in the units of the model, and how the object gave way."""
+    model = build_sweep_model(scene)
     data = mujoco.MjData(model)
     away_m = np.pad(scene.object_m(np.arange(len(plan.poses)) * scene.simulation.timestep_s), ((0, 0), (0, 1)))
     poses_mm = (plan.poses - away_m) * (MM_PER_M, MM_PER_M, 1.0)
@@ -147,7 +177,8 @@ def _integrate(scene: Scene, plan: Plan) -> tuple[Array, Array, Array]:
     data.qvel[:2] = -MM_PER_M * scene.object_m(np.ones(1))[0]
     data.act[:2] += (BASE_LAG_S + scene.simulation.timestep_s) * data.qvel[:2]
     velocities = np.diff(poses_mm, axis=0) / scene.simulation.timestep_s
-    return logged(model, data, velocities, scene.steps_per_row)
+    qpos, qvel, sensors = logged(model, data, velocities, scene.steps_per_row)
+    return qpos, qvel, sensors, yielding(model, qpos, scene.object) if scene.yields else None
 
 
 def _friction(scene: Scene, qpos: Array, qvel: Array, sensors: Array, truth: ContactTruth) -> FrictionTruth:

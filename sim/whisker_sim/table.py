@@ -57,7 +57,7 @@ def add_free_object(root: ET.Element, free: FreeObject, top_m: float, timestep_s
         euler=mjcf(0.0, 0.0, shape.yaw_rad),
     )
     ET.SubElement(body, "freejoint", name=f"{prefix}{free.name}")
-    _add_solid_inertia(body, outline_mm, 2.0 * half_height_mm, G_PER_KG * free.mass_kg)
+    add_solid_inertia(body, outline_mm, 2.0 * half_height_mm, G_PER_KG * free.mass_kg)
     _add_sides(root.find("asset"), body, free, half_height_mm)
     _add_visual(root.find("asset"), body, free, outline_mm, half_height_mm)
     for x_mm, y_mm in outline_mm[np.linspace(0, len(outline_mm), min(_FEET, len(outline_mm)), endpoint=False).astype(int)]:
@@ -115,7 +115,7 @@ def _add_visual(asset: ET.Element, body: ET.Element, free: FreeObject, outline_m
     ET.SubElement(body, "geom", type="mesh", mesh=name, contype="0", conaffinity="0", rgba="0.60 0.66 0.74 1")
 
 
-def _add_solid_inertia(body: ET.Element, outline_mm: Array, height_mm: float, mass_g: float) -> None:
+def add_solid_inertia(body: ET.Element, outline_mm: Array, height_mm: float, mass_g: float) -> None:
     """Adds mass, centre and inertia of the solid prism over a polygon.
 
     Area, centroid and second moments are sums over the triangles between the origin and the edges a b: with

@@ -55,6 +55,13 @@ SECOND_COLUMNS = (
     ("truth_second_force_n", 12),
 )
 """Further columns of a trace with an object that is not convex."""
+YIELDING_COLUMNS = (
+    ("truth_object_x_m", 10),
+    ("truth_object_y_m", 10),
+    ("truth_object_yaw_rad", 10),
+    ("truth_indentation_m", 10),
+)
+"""Further columns of a trace with an object that gives way."""
 
 _WITHOUT_INFLUENCE = {
     "__main__.py",
@@ -148,6 +155,8 @@ def write_files(folder: Path, run: Run, simulated: Simulated, certificate: Certi
         columns += FRICTION_COLUMNS
     if simulated.second is not None:
         columns += SECOND_COLUMNS
+    if simulated.yielding is not None:
+        columns += YIELDING_COLUMNS
     csv = format_csv(trace_columns(simulated, scene.resolved_whisker), columns)
     contour, outline = contour_of(run.name, scene.object)
     sidecar = sidecar_of(run.name, scene, scene.shape, scene.face, csv, contour, certificate)
@@ -237,6 +246,10 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
     if simulated.second is not None:
         second = simulated.second
         while_touching += [*second.contact_m.T, *second.surface_m.T, second.arc_m, second.force_n]
+    always = []
+    if simulated.yielding is not None:
+        given = simulated.yielding
+        always = [*given.stand_m.T, given.yaw_rad, np.where(touching, np.hypot(*given.indentation_m.T), 0.0)]
     return [
         simulated.time_s,
         *simulated.base_pose.T,
@@ -245,6 +258,7 @@ def trace_columns(simulated: Simulated, whisker: Whisker) -> list[Array]:
         root_rad,
         touching.astype(float),
         *(np.where(touching, values, np.nan) for values in while_touching),
+        *always,
     ]
 
 

@@ -14,7 +14,8 @@ use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
 use crate::table::{
-    COLUMNS, FARTHEST_M, FrictionTruth, FurtherColumns, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant, columns,
+    COLUMNS, FARTHEST_M, FrictionTruth, FurtherColumns, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant,
+    YieldingTruth, columns,
 };
 
 /// Number of columns without further ones, and the largest number with them.
@@ -42,9 +43,13 @@ const fn bounds(further: FurtherColumns) -> [f64; CELLS] {
     most
 }
 
-/// Bounds of a table without further columns, with those of friction and with those of the second contact.
-const MOST: [[f64; CELLS]; 3] =
-    [bounds(FurtherColumns::None), bounds(FurtherColumns::Friction), bounds(FurtherColumns::Second)];
+/// Bounds of a table with each of the [`FurtherColumns`], in their order.
+const MOST: [[f64; CELLS]; 4] = [
+    bounds(FurtherColumns::None),
+    bounds(FurtherColumns::Friction),
+    bounds(FurtherColumns::Second),
+    bounds(FurtherColumns::Yielding),
+];
 
 /// Size of a read buffer in bytes; larger than [`MOST_LINE_BYTES`].
 const CHUNK_BYTES: usize = 1 << 18;
@@ -229,8 +234,10 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<FurtherColumns, Erro
     };
     let first = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
     let begins = |further: &FurtherColumns| first == further.columns().first().map(|(name, _)| name.as_bytes());
-    let further =
-        [FurtherColumns::Friction, FurtherColumns::Second].into_iter().find(begins).unwrap_or(FurtherColumns::None);
+    let further = [FurtherColumns::Friction, FurtherColumns::Second, FurtherColumns::Yielding]
+        .into_iter()
+        .find(begins)
+        .unwrap_or(FurtherColumns::None);
     let names: Vec<&str> = columns(further).map(|(name, _)| name).collect();
     let Some(line) = line else { return Err(wrong("header".into(), "an empty file".into(), names.join(","))) };
     let cells: Vec<&[u8]> = line.split(|byte| *byte == b',').collect();
@@ -350,6 +357,20 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The displacement of an object that gives way: all of its cells or none.
+    #[inline]
+    fn yielding(&self) -> Result<Option<YieldingTruth>, Error> {
+        let moved = (self.optional(PLAIN)?, self.optional(PLAIN + 1)?);
+        match (moved, self.optional(PLAIN + 2)?, self.optional(PLAIN + 3)?) {
+            ((Some(x_m), Some(y_m)), Some(yaw_rad), Some(indentation_m)) if indentation_m >= 0.0 => {
+                Ok(Some(YieldingTruth { moved_m: [x_m, y_m], yaw_rad, indentation_m }))
+            }
+            ((Some(_), Some(_)), Some(_), Some(_)) => Err(self.wrong(PLAIN + 3, "an indentation of at least 0")),
+            ((None, None), None, None) => Ok(None),
+            _ => Err(self.wrong(PLAIN, "all values of the object or none")),
+        }
+    }
+
     /// Parses the row, whose time must be after `last_s`.
     #[inline]
     fn row(&self, last_s: Option<f64>) -> Result<(Instant, TruthInstant), Error> {
@@ -373,7 +394,7 @@ impl<'a> Line<'a> {
         };
         let touching = self.flag(9)?;
         if touching == Some(false)
-            && let Some(i) = (10..PLAIN + self.further.columns().len()).find(|&i| !self.cell(i).is_empty())
+            && let Some(i) = (10..PLAIN + self.further.of_contact()).find(|&i| !self.cell(i).is_empty())
         {
             return Err(self.wrong(i, "an empty field while truth_touching is 0"));
         }
@@ -388,6 +409,7 @@ impl<'a> Line<'a> {
             tangent_rad: self.optional(18)?,
             friction: if self.further == FurtherColumns::Friction { self.friction()? } else { None },
             second: if self.further == FurtherColumns::Second { self.second()? } else { None },
+            yielding: if self.further == FurtherColumns::Yielding { self.yielding()? } else { None },
         };
         Ok((known, truth))
     }

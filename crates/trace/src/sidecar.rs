@@ -140,6 +140,9 @@ pub struct Sidecar {
 /// Scene key of the velocity of a moving object.
 const OBJECT_VELOCITY: &str = "object_velocity_m_s";
 
+/// Scene keys of an object that gives way: of its free stand, and of the stiffness of its surface.
+const YIELDING: [&str; 2] = ["object_stand", "object_stiffness_n_m"];
+
 /// Elements of an array of two numbers; `None` for any other value.
 fn two_numbers(value: &Value) -> Option<[f64; 2]> {
     let [x, y] = value.as_array()?.as_slice() else { return None };
@@ -158,9 +161,19 @@ impl Sidecar {
         self.scene.get(OBJECT_VELOCITY).and_then(two_numbers).unwrap_or_default()
     }
 
-    /// Whether the object is at rest throughout the trace.
+    /// Whether the object gives way to the whisker: it stands freely, or its surface is elastic.
+    pub fn is_yielding(&self) -> bool {
+        YIELDING.iter().any(|key| self.scene.get(key).is_some())
+    }
+
+    /// Place in World, at the start, of the origin of the frame of the object's shape.
+    pub fn object_center_m(&self) -> [f64; 2] {
+        self.scene.get("object").and_then(|object| object.get("center_m")).and_then(two_numbers).unwrap_or_default()
+    }
+
+    /// Whether the object and its surface are at rest throughout the trace.
     pub fn is_object_at_rest(&self) -> bool {
-        self.object_velocity_m_s() == [0.0; 2]
+        self.object_velocity_m_s() == [0.0; 2] && !self.is_yielding()
     }
 
     /// Standard deviation of the noise already contained in the readings; 0 for simulated traces.

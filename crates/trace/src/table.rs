@@ -47,6 +47,10 @@ pub const SECOND_COLUMNS: [(&str, usize); 6] = [
     ("truth_second_force_n", 12),
 ];
 
+/// Further columns, of an object that gives way, and the number of decimals written for each.
+pub const YIELDING_COLUMNS: [(&str, usize); 4] =
+    [("truth_object_x_m", 10), ("truth_object_y_m", 10), ("truth_object_yaw_rad", 10), ("truth_indentation_m", 10)];
+
 /// Largest magnitude of a position coordinate. Larger values are errors of the file.
 pub const FARTHEST_M: f64 = 1e3;
 
@@ -91,6 +95,19 @@ pub struct TruthInstant {
     pub friction: Option<FrictionTruth>,
     /// Second contact. `None` where there is none and in traces of convex objects.
     pub second: Option<SecondTruth>,
+    /// Displacement of an object that gives way, also without contact. `None` in traces of other objects.
+    pub yielding: Option<YieldingTruth>,
+}
+
+/// Ground truth of an object that gives way at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct YieldingTruth {
+    /// Displacement in World, since the start, of the origin of the frame of the object's shape.
+    pub moved_m: [f64; 2],
+    /// Rotation about this origin since the start.
+    pub yaw_rad: f64,
+    /// Indentation of the surface at the contact, along the normal. Zero without contact.
+    pub indentation_m: f64,
 }
 
 /// Ground truth of the second contact at one instant.
@@ -203,7 +220,8 @@ impl Trace {
     }
 }
 
-/// Columns of a table beyond [`COLUMNS`]. A scene has friction or an object that is not convex, but not both.
+/// Columns of a table beyond [`COLUMNS`]. A scene has friction, an object that is not convex or one that gives way, but no two of
+/// these.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FurtherColumns {
     /// None.
@@ -212,6 +230,8 @@ pub enum FurtherColumns {
     Friction,
     /// [`SECOND_COLUMNS`].
     Second,
+    /// [`YIELDING_COLUMNS`].
+    Yielding,
 }
 
 impl FurtherColumns {
@@ -222,6 +242,8 @@ impl FurtherColumns {
             Self::Friction
         } else if has(|truth| truth.second.is_some()) {
             Self::Second
+        } else if has(|truth| truth.yielding.is_some()) {
+            Self::Yielding
         } else {
             Self::None
         }
@@ -232,6 +254,16 @@ impl FurtherColumns {
             Self::None => &[],
             Self::Friction => &FRICTION_COLUMNS,
             Self::Second => &SECOND_COLUMNS,
+            Self::Yielding => &YIELDING_COLUMNS,
+        }
+    }
+
+    /// Number of those that are empty without contact.
+    pub(crate) const fn of_contact(self) -> usize {
+        match self {
+            // The displacement of an object is known at any time.
+            Self::Yielding => 0,
+            _ => self.columns().len(),
         }
     }
 }
@@ -285,7 +317,7 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant,
         truth.force_n,
         truth.tangent_rad,
     ];
-    let (friction, second) = (truth.friction, truth.second);
+    let (friction, second, yielding) = (truth.friction, truth.second, truth.yielding);
     let of_friction = || {
         [
             friction.map(|friction| friction.angle_rad),
@@ -303,10 +335,19 @@ pub(crate) fn push_row(text: &mut String, known: &Instant, truth: &TruthInstant,
             second.map(|second| second.force_n),
         ]
     };
+    let of_yielding = || {
+        [
+            yielding.map(|yielding| yielding.moved_m[0]),
+            yielding.map(|yielding| yielding.moved_m[1]),
+            yielding.map(|yielding| yielding.yaw_rad),
+            yielding.map(|yielding| yielding.indentation_m),
+        ]
+    };
     let further_cells: &[Option<f64>] = match further {
         FurtherColumns::None => &[],
         FurtherColumns::Friction => &of_friction(),
         FurtherColumns::Second => &of_second(),
+        FurtherColumns::Yielding => &of_yielding(),
     };
     for (i, (cell, (_, decimals))) in cells.iter().chain(further_cells).zip(columns(further)).enumerate() {
         if i > 0 {

@@ -63,6 +63,22 @@ fn verif_an_object_rests_unless_its_velocity_is_stated() {
 }
 
 #[test]
+fn verif_an_object_gives_way_if_a_stand_or_a_stiffness_is_stated() {
+    let fixed = Sidecar::read(&golden().join("golden_pin.json")).unwrap();
+    assert!(!fixed.is_yielding());
+    for (key, value) in
+        [("object_stand", json!({"mass_kg": 0.002, "friction": 0.3})), ("object_stiffness_n_m", json!(20.0))]
+    {
+        let mut sidecar = fixed.clone();
+        sidecar.scene[key] = value;
+        assert!(
+            sidecar.is_yielding() && !sidecar.is_object_at_rest() && sidecar.object_velocity_m_s() == [0.0; 2],
+            "{key}"
+        );
+    }
+}
+
+#[test]
 fn robust_a_velocity_that_is_not_two_numbers_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut sidecar = Sidecar::read(&golden().join("golden_pin.json")).unwrap();

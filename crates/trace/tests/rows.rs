@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::Error;
-use trace::{FrictionTruth, FurtherColumns, SecondTruth, Trace, TraceRows, TraceWriter};
+use trace::{FrictionTruth, FurtherColumns, SecondTruth, Trace, TraceRows, TraceWriter, YieldingTruth};
 use whisker::frames::Point;
 
 fn golden() -> Trace {
@@ -233,4 +233,50 @@ fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
         let place = format!(".csv:{line}: {expected}");
         assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
     }
+}
+
+/// A golden trace with the displacement of an object that gives way, also while the whisker is free, and the path of its table.
+fn with_yielding(folder: &Path) -> (Trace, PathBuf) {
+    let mut trace = golden();
+    for (row, truth) in trace.truth.instants.iter_mut().enumerate() {
+        let indentation_m = if truth.touching == Some(true) { 2e-4 } else { 0.0 };
+        truth.yielding = Some(YieldingTruth { moved_m: [1e-6 * row as f64, -2e-3], yaw_rad: 0.25, indentation_m });
+    }
+    trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
+    let path = trace.write(folder).unwrap();
+    (trace, path)
+}
+
+#[test]
+fn verif_an_object_that_gives_way_is_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (trace, path) = with_yielding(folder.path());
+    let again = Trace::read(&path).unwrap();
+    assert_eq!(again.to_csv(), trace.to_csv());
+    assert!(again.truth.instants[0].touching == Some(false) && again.truth.instants[0].yielding.is_some());
+    assert!(!golden().to_csv().contains("object"));
+}
+
+#[test]
+fn robust_an_invalid_displacement_is_one_error_with_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, path) = with_yielding(folder.path());
+    let text = fs::read_to_string(&path).unwrap();
+    let values = "-0.0020000000,0.2500000000,0.0002000000";
+    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
+    for (cells, expected) in [
+        ("-0.002,0.25,-0.0002", "column truth_indentation_m: found `-0.0002`, expected an indentation of at least 0"),
+        ("-0.002,nan,0.0002", "column truth_object_yaw_rad: found `nan`, expected a finite number"),
+        ("-1001,0.25,0.0002", "column truth_object_y_m: found `-1001`, expected a number of at most 1000"),
+        ("-0.002,0.25", "row: found 22 fields, expected 23 fields"),
+    ] {
+        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
+        let found = error(&path);
+        let place = format!(".csv:{line}: {expected}");
+        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
+    }
+    let row = text.lines().nth(line - 1).unwrap();
+    fs::write(&path, text.replacen(row, &row.replacen(values, ",0.25,0.0002", 1), 1)).unwrap();
+    let found = error(&path);
+    assert!(found.contains("expected all values of the object or none"), "{found}");
 }

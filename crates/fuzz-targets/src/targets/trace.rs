@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use files::sha256;
 use serde_json::json;
-use trace::{COLUMNS, FRICTION_COLUMNS, SECOND_COLUMNS, Trace};
+use trace::{COLUMNS, FRICTION_COLUMNS, SECOND_COLUMNS, Trace, YIELDING_COLUMNS};
 
 use crate::properties::{is_decimal, lines, one_error};
 use crate::{golden, scratch};
@@ -49,9 +49,10 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
         let further = match cells.len() - COLUMNS.len() {
             0 => 0..0,
             count if count == FRICTION_COLUMNS.len() => OF_FRICTION,
+            count if count == SECOND_COLUMNS.len() => OF_SECOND,
             count => {
-                assert_eq!(count, SECOND_COLUMNS.len());
-                OF_SECOND
+                assert_eq!(count, YIELDING_COLUMNS.len());
+                OF_YIELDING
             }
         };
         for (i, (value, (column, _))) in row.into_iter().zip(columns()).enumerate() {
@@ -72,17 +73,18 @@ fn assert_values_match_the_text(bytes: &[u8], trace: &Trace) {
     }
 }
 
-/// Places of the columns of friction and of the second contact among all columns.
+/// Places of the columns of friction, of the second contact and of an object that gives way among all columns.
 const OF_FRICTION: Range<usize> = COLUMNS.len()..COLUMNS.len() + FRICTION_COLUMNS.len();
 const OF_SECOND: Range<usize> = OF_FRICTION.end..OF_FRICTION.end + SECOND_COLUMNS.len();
+const OF_YIELDING: Range<usize> = OF_SECOND.end..OF_SECOND.end + YIELDING_COLUMNS.len();
 
-/// All columns. A table has those of friction or those of the second contact, or neither.
+/// All columns. A table has at most those of friction, those of the second contact or those of an object that gives way.
 fn columns() -> impl Iterator<Item = (&'static str, usize)> {
-    COLUMNS.into_iter().chain(FRICTION_COLUMNS).chain(SECOND_COLUMNS)
+    COLUMNS.into_iter().chain(FRICTION_COLUMNS).chain(SECOND_COLUMNS).chain(YIELDING_COLUMNS)
 }
 
 /// Values of each row in column order, `None` in columns that the table does not have. Independent of the crate under test.
-fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; OF_SECOND.end]> {
+fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; OF_YIELDING.end]> {
     let flag = |value: Option<bool>| value.map(|value| f64::from(u8::from(value)));
     trace.recording.instants.iter().zip(&trace.truth.instants).map(move |(known, truth)| {
         let origin = known.base.origin();
@@ -115,6 +117,10 @@ fn rows(trace: &Trace) -> impl Iterator<Item = [Option<f64>; OF_SECOND.end]> {
             truth.second.map(|second| second.surface.y()),
             truth.second.map(|second| second.arc_m),
             truth.second.map(|second| second.force_n),
+            truth.yielding.map(|given| given.moved_m[0]),
+            truth.yielding.map(|given| given.moved_m[1]),
+            truth.yielding.map(|given| given.yaw_rad),
+            truth.yielding.map(|given| given.indentation_m),
         ]
     })
 }
