@@ -76,6 +76,7 @@ TABLES = {
     "claims": Table("claims.csv", ("id",), "measured"),
     "certainty": Table("certainty/claims.csv", ("id",), "measured"),
     "quantity_claims": Table("quantities/claims.csv", ("id",), "measured"),
+    "yielding_claims": Table("yielding/claims.csv", ("id",), "measured"),
     "quantities": Table("*/quantities.csv", ("trace", "quantity", "estimator", "seed"), of_runs=True),
     "physics": Table("physics/claims.csv", ("id",), "measured"),
     "measured": Table("measured.csv", ("id",), "measured"),
@@ -270,11 +271,13 @@ def bound(row: dict[str, str]) -> str:
 GENERATED: dict[str, Callable[[], str]] = {
     "certainty_claims": functools.partial(claims_of, "certainty"),
     "quantity_claims": functools.partial(claims_of, "quantities"),
+    "yielding_claims": functools.partial(claims_of, "yielding"),
     "space_claims": functools.partial(claims_of, "spatial"),
     "unmet_claims": unmet_claims,
     "unmet_count": unmet_count,
     "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
     "quantity_unmet_count": functools.partial(unmet_count, "quantities"),
+    "yielding_unmet_count": functools.partial(unmet_count, "yielding"),
     "space_unmet_count": functools.partial(unmet_count, "spatial"),
     "physics_unmet_count": functools.partial(unmet_count, "physics"),
 }

@@ -16,6 +16,12 @@
 //! where both have the same direction, which scaling does not change: a contact displaced by `m` relative to the object since the
 //! touch has the derivative `m` by `ln c`. If the object moves with an unknown constant velocity `v`, this is a further state with its
 //! own prior; at the time `t` after the touch it adds `v t` to the displacement.
+//!
+//! If the object gives way to the whisker, its displacement since the touch is a random walk that is part of the contact. The standard
+//! deviation of a step is that of the actual displacement since the last instant, in an unknown direction. An estimator that knew
+//! when and by how much the object is displaced, but not in which direction, and took the directions as independent, could not have a
+//! smaller mean square error. One that does not know the amounts has a larger error; one that knew the friction of the object, and that
+//! it is pushed along the contact force, could have a smaller one.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -191,7 +197,16 @@ impl Joint {
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(prior_m2);
     }
 
-    /// Conditions on a reading. Constant states have no process, so that this is the bound's whole recursion.
+    /// Adds a step of the random walk of an object that gives way: its displacement since the last instant.
+    pub(super) fn walk(&mut self, step_m: &Vector2<f64>) {
+        // The mean square of a step in an unknown direction, along each of two axes.
+        let variance_m2 = 0.5 * step_m.norm_squared();
+        for i in 0..2 {
+            self.covariance[(i, i)] += variance_m2;
+        }
+    }
+
+    /// Conditions on a reading. Constant states have no process, so that this and [`Self::walk`] are the bound's whole recursion.
     pub(super) fn update(&mut self, reading: &JointReading) {
         let mut slope = SVector::<f64, STATES>::zeros();
         slope.fixed_rows_mut::<2>(0).copy_from(&reading.by_contact);
@@ -366,6 +381,32 @@ mod tests {
         };
         let (rests_m, moves_m) = (end_m(Joint::new(&deviations, 0.0)), end_m(Joint::new(&deviations, 0.0).moving()));
         assert!((moves_m / rests_m - 2.0).abs() < 0.01, "{moves_m} {rests_m}");
+    }
+
+    /// Read in both directions with the variance `r` of the noise, a contact with steps of the variance `q` along each axis has the
+    /// steady-state variance `p` of the Riccati equation `p^2 = q (r - p)` (one axis; after a reading).
+    #[test]
+    fn verif_a_random_walk_has_the_steady_variance_of_the_riccati_equation() {
+        let exact = Miscalibration::default();
+        let deviations = Deviations { of: &exact, stiffness_ratios: None, largest_n_m: 5e-5 };
+        let mut joint = Joint::new(&deviations, 0.0);
+        joint.touch(&(Matrix2::identity() * 1e-4));
+        for _ in 0..2000 {
+            joint.walk(&Vector2::new(6e-6, -8e-6));
+            for by_contact in [Vector2::x(), Vector2::y()] {
+                joint.update(&JointReading {
+                    by_contact,
+                    moved_m: Vector2::zeros(),
+                    since_touch_s: 0.0,
+                    by_deviations: [0.0; COUNT],
+                    variance_n2_m2: 1e-8,
+                });
+            }
+        }
+        let q: f64 = 0.5e-10;
+        let p = 0.5 * ((q * q + 4.0 * q * 1e-8).sqrt() - q);
+        let sd_m = joint.sd_m(Vector2::zeros(), 0.0);
+        assert!((sd_m / (2.0 * p).sqrt() - 1.0).abs() < 1e-6, "{sd_m}");
     }
 
     /// A contact that slides to and fro over an object of unknown size, read in both directions. The effects of size and velocity on the

@@ -19,6 +19,7 @@
 //! tip or at several positions, the reading adds no information.
 
 mod deviations;
+mod yielding;
 
 pub use deviations::{Deviations, QuantityBounds};
 
@@ -61,7 +62,8 @@ pub struct BoundAt {
     pub deviating_sd_m: f64,
     /// The same if the size of the object is unknown as well.
     pub unsized_sd_m: f64,
-    /// The same if the object moves with an unknown constant velocity as well; equal to [`Self::unsized_sd_m`] if it is at rest.
+    /// The same if the object moves with an unknown constant velocity as well, or gives way by unknown displacements; equal to
+    /// [`Self::unsized_sd_m`] if it is at rest.
     pub moving_sd_m: f64,
     /// Information of the readings of the last [`WINDOW_S`] alone. `None` if it has rank one or less.
     pub window: Option<Window>,
@@ -122,22 +124,28 @@ impl TraceBound {
         let start_s = instants.first().map_or(0.0, |first| first.t_s);
         let of_size = size_variance(&trace.sidecar.object);
         let object_m_s = Vector2::from(trace.sidecar.object_velocity_m_s());
+        let is_uniform = object_m_s != Vector2::zeros();
         let known_motion = Joint::new(deviations, of_size);
-        let unknown_motion =
-            if trace.sidecar.is_object_at_rest() { known_motion.clone() } else { known_motion.clone().moving() };
+        let unknown_motion = if is_uniform { known_motion.clone().moving() } else { known_motion.clone() };
         let installed = unknown_motion.clone().installed();
         let mut joints = [Joint::new(deviations, 0.0), known_motion, unknown_motion, installed];
         let mut touched = Vector2::zeros();
+        let (mut given_at_touch, mut given_before) = (Vector2::zeros(), Vector2::zeros());
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
             let known = &instants[row];
             let seen = known.base.inverse().apply(at);
+            let given = yielding::displacement_m(truth, &trace.sidecar);
             if bound.since_touch_s == 0.0 {
                 touched = at.vector();
+                given_at_touch = given;
+                given_before = given;
                 joints.iter_mut().for_each(|joint| joint.touch(&prior_m2(face, &known.base, seen)));
             }
             // Displacement relative to the object.
-            let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s;
+            let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s - (given - given_at_touch);
+            joints[2..].iter_mut().for_each(|joint| joint.walk(&(given - given_before)));
+            given_before = given;
             let is_plain = truth.tip != Some(true) && truth.split != Some(true);
             if let Some(expected) = face.predict(seen).filter(|_| is_plain) {
                 let [before, after] =
@@ -159,7 +167,7 @@ impl TraceBound {
                 [deviating, unsized_object, moving].map(|joint| joint.sd_m(moved_m, bound.since_touch_s));
         }
         let [_, _, moving, installed] = &joints;
-        let velocity_m_s = (!trace.sidecar.is_object_at_rest()).then(|| moving.velocity_sds_m_s());
+        let velocity_m_s = is_uniform.then(|| moving.velocity_sds_m_s());
         self.quantities = Some(QuantityBounds { installation: installed.installation_sds(), velocity_m_s });
         self
     }

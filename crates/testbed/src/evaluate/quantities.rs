@@ -30,8 +30,9 @@ pub(super) fn quantity_rows(
     let trace = &scored.trial.trace;
     let deviations = estimate.installation.map(|found| of_installation(&found, miscalibration, bounds));
     let base = &trace.recording.instants[contact.row].base;
-    let velocity =
-        estimate.velocity.map(|found| of_velocity(&found, base, trace.sidecar.object_velocity_m_s(), bounds));
+    // The velocity of an object that gives way is not constant, and not stated by its trace.
+    let velocity = estimate.velocity.filter(|_| !trace.sidecar.is_yielding());
+    let velocity = velocity.map(|found| of_velocity(&found, base, trace.sidecar.object_velocity_m_s(), bounds));
     let contact_s = (index + 1) as f64 / trace.sidecar.rate_hz;
     let row = |(quantity, truth, estimate, sd, bound): Stated| QuantityRow {
         quantity: quantity.into(),

@@ -32,10 +32,11 @@ pub const UNSIZED_RMSE: Metric = Metric {
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.unsized_sd_m).collect::<Vec<f64>>()),
 };
 
-/// Bound for unknown deviations, size and velocity.
+/// Bound for unknown deviations, size and motion.
 pub const MOVING_RMSE: Metric = Metric {
     name: "moving_bound_rmse_m",
-    about: "unsized_bound_rmse_m if the constant velocity of a moving object is unknown too; the same for an object at rest",
+    about: "unsized_bound_rmse_m if the constant velocity of a moving object is unknown too, or the directions in which an object gives \
+        way; the same for an object at rest",
     summary: Summary::Median,
     measure: |scored| rms(&settled(scored)?.iter().map(|(_, bound)| bound.moving_sd_m).collect::<Vec<f64>>()),
 };

@@ -1,7 +1,10 @@
 //! The signal that an estimator's models contradict the readings ([`whisker::estimators::Estimate::model_doubtful`]).
 
 use super::{Metric, Scored, Summary};
-use crate::statistics::mean;
+use crate::statistics::{CHI2_2_95, mean};
+
+/// Error above which a contact is wrong.
+const WRONG_M: f64 = 0.3e-3;
 
 /// Share of the estimates with the signal.
 pub const DOUBTED: Metric = Metric {
@@ -39,6 +42,21 @@ pub const CONTACT_TIME: Metric = Metric {
     about: "duration of the contact with an estimate by averaged models",
     summary: Summary::Mean,
     measure: |scored| Some(signals(scored).count() as f64 / scored.trial.trace.sidecar.rate_hz),
+};
+
+/// Share of the estimates that are wrong without a sign of it.
+pub const MISLEADING: Metric = Metric {
+    name: "misleading",
+    about: "fraction of the estimates with an error above 0.3 mm whose 95 % ellipse does not contain the true contact, and at which \
+        the readings do not contradict the models",
+    summary: Summary::Mean,
+    measure: |scored| {
+        mean(scored.contacts.iter().filter_map(|contact| {
+            let estimate = scored.estimates[contact.row].as_ref()?;
+            let is_wrong = contact.error_m? > WRONG_M && contact.nees.is_some_and(|nees| nees > CHI2_2_95);
+            Some(f64::from(is_wrong && !estimate.model_doubtful))
+        }))
+    },
 };
 
 /// Times since the touch of the estimates by averaged models, and whether they are in doubt.

@@ -117,6 +117,7 @@ pub const METRICS: &[Metric] = &[
     doubt::DOUBT_TIME,
     doubt::ALARMS,
     doubt::CONTACT_TIME,
+    doubt::MISLEADING,
     second::RECALL,
     second::IDEAL_RECALL,
     second::PRECISION,

@@ -23,6 +23,7 @@ mod sets;
 mod space;
 mod space_random;
 mod space_recordings;
+mod yielding;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -156,6 +157,7 @@ pub const SETS: &[ClaimSet] = &[
         spatial_runs: &[],
         figures: &[],
     },
+    ClaimSet { name: "yielding", topics: &[yielding::claims], runs: &[yielding::RUN], spatial_runs: &[], figures: &[] },
     ClaimSet {
         name: "space",
         topics: &[space::claims, space_recordings::claims, space_random::claims],

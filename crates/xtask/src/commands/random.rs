@@ -1,5 +1,5 @@
-//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex or move,
-//! and of a sensor that deviates from its calibration.
+//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex, move or give
+//! way, and of a sensor that deviates from its calibration.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};
@@ -23,15 +23,21 @@ const FRICTION: &str = "friction";
 /// Suite of objects that are not convex or move.
 const HOLLOW: &str = "hollow";
 
+/// Suite of objects that give way.
+const YIELDING: &str = "yielding";
+
 /// Suite of contacts of 22 s, for a sensor whose gain and mounting deviate.
 const DEVIATIONS: &str = "deviations";
 
-/// Seeds of the measurement noise of the suites `friction` and `hollow`, as docs/CERTAINTY.md states.
+/// Seeds of the measurement noise of the suites `friction`, `hollow` and `yielding`, as docs/CERTAINTY.md states.
 const SEEDS: u32 = 20;
 
 /// Sets of claims, each with the folder of its table.
-const CLAIMS: [(&str, &str); 2] =
-    [("certainty", "results/reference/certainty"), ("quantities", "results/reference/quantities")];
+const CLAIMS: [(&str, &str); 3] = [
+    ("certainty", "results/reference/certainty"),
+    ("quantities", "results/reference/quantities"),
+    ("yielding", "results/reference/yielding"),
+];
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let evaluations = match arguments {
@@ -57,7 +63,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     pipeline::simulate(RANDOM_CONTACTS)?;
     pipeline::fit(RANDOM_CONTACTS)?;
     evaluations.as_stated(RANDOM_CONTACTS, "recommended")?;
-    for suite in [FRICTION, HOLLOW] {
+    for suite in [FRICTION, HOLLOW, YIELDING] {
         pipeline::simulate(suite)?;
         pipeline::fit(suite)?;
         evaluations.recommended(suite, SEEDS)?;
