@@ -44,13 +44,16 @@ pub const CONTACT_TIME: Metric = Metric {
     measure: |scored| Some(signals(scored).count() as f64 / scored.trial.trace.sidecar.rate_hz),
 };
 
-/// Share of the estimates that are wrong without a sign of it.
+/// Share of the estimates that are wrong without a sign of it, on objects that give way.
 pub const MISLEADING: Metric = Metric {
     name: "misleading",
-    about: "fraction of the estimates with an error above 0.3 mm whose 95 % ellipse does not contain the true contact, and at which \
-        the readings do not contradict the models",
+    about: "objects that give way: fraction of the estimates with an error above 0.3 mm whose 95 % ellipse does not contain the true \
+        contact, and at which the readings do not contradict the models",
     summary: Summary::Mean,
     measure: |scored| {
+        if !scored.trial.trace.sidecar.is_yielding() {
+            return None;
+        }
         mean(scored.contacts.iter().filter_map(|contact| {
             let estimate = scored.estimates[contact.row].as_ref()?;
             let is_wrong = contact.error_m? > WRONG_M && contact.nees.is_some_and(|nees| nees > CHI2_2_95);
