@@ -234,7 +234,7 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     assert!(known.len() > 40 && known.iter().all(|truth| truth.place == Some(Vector3::zeros())));
     assert!(known.iter().all(|truth| truth.contact.is_none()));
 
-    let fitted = good(&["fit", text(&dataset)]);
+    let fitted = good(&["fit", text(&dataset), "--model", "polynomial"]);
     assert!(fitted.contains("polynomial-5"), "{fitted}");
     let results = work.path().join("results");
     let run = ["evaluate", text(&dataset), "--estimators", "point", "--results", text(&results)];
