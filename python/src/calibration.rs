@@ -231,6 +231,9 @@ impl Prediction {
 /// radius of pin and wire together. `models` are names of `sensor_models()`; by default all. `noise_sd_n_m` is the
 /// standard deviation of the noise in the readings.
 ///
+/// The samples of a line are successive states of one motion. If the pin slid along the whisker in both directions, its friction is
+/// estimated and removed from the readings.
+///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]
 #[pyo3(signature = (whisker, lines, pin_radius_m, models=None, noise_sd_n_m=0.0))]
