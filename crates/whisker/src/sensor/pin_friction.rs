@@ -89,7 +89,8 @@ pub fn without_friction(data: &FitData<'_>) -> Option<WithoutFriction> {
         return None;
     }
     let friction = PinFriction { coefficient, coefficient_sd: search.coefficient_sd(coefficient)? };
-    if friction.coefficient < LEAST_EVIDENCE * friction.coefficient_sd {
+    let is_evident = friction.coefficient >= LEAST_EVIDENCE * friction.coefficient_sd;
+    if !is_evident {
         return None;
     }
     let ratios = search.ratios(coefficient);
@@ -97,13 +98,22 @@ pub fn without_friction(data: &FitData<'_>) -> Option<WithoutFriction> {
     Some(WithoutFriction { friction, measured, reference })
 }
 
+/// Place of a sample without friction.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Coordinates of the contact.
+    at: AlongAway,
+    /// Angle of the whisker's tangent there (rad).
+    tangent_rad: f64,
+}
+
 /// Search for the coefficient of friction.
 struct Search<'a> {
     data: &'a FitData<'a>,
     face: &'a CalibratedFace,
     lean: &'a Lean,
-    /// Coordinates of the samples of each trace, and angle of the whisker's tangent there without friction (rad).
-    places: Vec<Vec<(AlongAway, f64)>>,
+    /// Places of the samples of each trace.
+    places: Vec<Vec<Place>>,
 }
 
 impl<'a> Search<'a> {
@@ -111,14 +121,14 @@ impl<'a> Search<'a> {
         let turn = face.turn(data.whisker);
         let place = |sample: &Sample| {
             let at = face.along_and_away(sample.contact);
-            (at, face.rest.tangent_rad(at.along_m) + turn.at(at).0)
+            Place { at, tangent_rad: face.rest.tangent_rad(at.along_m) + turn.at(at).0 }
         };
         let places = data.measured.iter().map(|trace| trace.iter().map(place).collect()).collect();
         Self { data, face, lean: face.lean(data.whisker), places }
     }
 
     /// Coordinate `s` of the module, which rests while the pin sticks to the whisker.
-    fn rolled_m(&self, &(at, tangent_rad): &(AlongAway, f64), ratio: f64) -> f64 {
+    fn rolled_m(&self, &Place { at, tangent_rad }: &Place, ratio: f64) -> f64 {
         let tangent_rad = tangent_rad + self.lean.turn_rad(at, ratio).value;
         let arc_m = at.along_m + self.lean.beyond_m(at, ratio).value;
         arc_m + self.face.face.away_sign() * self.data.pin_radius_m * tangent_rad
@@ -126,9 +136,9 @@ impl<'a> Search<'a> {
 
     /// Ratio of friction to normal force of every sample, by Coulomb's law. A trace begins without friction.
     fn ratios(&self, coefficient: f64) -> Vec<Vec<f64>> {
-        let followed = |trace: &Vec<(AlongAway, f64)>| {
+        let followed = |trace: &Vec<Place>| {
             let mut last_m = trace.first().map_or(0.0, |place| self.rolled_m(place, 0.0));
-            let next = |place: &(AlongAway, f64)| {
+            let next = |place: &Place| {
                 // The coordinate decreases as the ratio increases: friction draws the wire along with the pin.
                 let (mut low, mut high) = (-coefficient, coefficient);
                 let (farthest_m, nearest_m) = (self.rolled_m(place, low), self.rolled_m(place, high));
@@ -153,12 +163,13 @@ impl<'a> Search<'a> {
 
     /// Samples with readings without friction.
     fn converted(&self, samples: &[Vec<Sample>], ratios: &[Vec<f64>]) -> Vec<Vec<Sample>> {
-        let trace = |((samples, places), ratios): ((&Vec<Sample>, &Vec<(AlongAway, f64)>), &Vec<f64>)| {
-            let convert = |((sample, (at, _)), ratio): ((&Sample, &(AlongAway, f64)), &f64)| Sample {
-                reading_n_m: sample.reading_n_m / self.lean.moment_ratio(*at, *ratio).value,
-                ..*sample
-            };
-            samples.iter().zip(places).zip(ratios).map(convert).collect()
+        let convert = |sample: &Sample, place: &Place, ratio: f64| Sample {
+            reading_n_m: sample.reading_n_m / self.lean.moment_ratio(place.at, ratio).value,
+            ..*sample
+        };
+        let trace = |((samples, places), ratios): ((&Vec<Sample>, &Vec<Place>), &Vec<f64>)| {
+            let each = samples.iter().zip(places).zip(ratios);
+            each.map(|((sample, place), ratio)| convert(sample, place, *ratio)).collect()
         };
         samples.iter().zip(&self.places).zip(ratios).map(trace).collect()
     }
