@@ -95,6 +95,7 @@ fn truth(base: &Pose<Base, World>, touch: Option<&Touch>) -> TruthInstant {
         tangent_rad: touch.map(|touch| base.yaw_rad() + touch.deflection.tangent_rad),
         friction: None,
         second: None,
+        yielding: None,
     }
 }
 
