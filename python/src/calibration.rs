@@ -154,6 +154,17 @@ impl Calibration {
         Ok(Sensor { file: file.clone() })
     }
 
+    /// Coefficient of the friction of the calibration pin, which was removed from the fitted readings of a face, and its standard
+    /// deviation. `None` if none was found.
+    ///
+    /// Raises `ValueError` if the face is not calibrated.
+    fn friction(&self, face: &str) -> PyResult<Option<(f64, f64)>> {
+        let face = face_of(face)?;
+        let calibrated = self.file.faces.iter().find(|calibrated| calibrated.face == face);
+        let calibrated = calibrated.ok_or_else(|| refused("face", face.name(), &self.faces().join(", ")))?;
+        Ok(calibrated.friction.map(|found| (found.coefficient, found.coefficient_sd)))
+    }
+
     /// Writes the calibration to a file, which `load_calibration` and `whisker --calibration` read.
     fn write(&self, path: PathBuf) -> PyResult<()> {
         files::write_json(&path, &self.file).map_err(raised)

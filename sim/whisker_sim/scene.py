@@ -132,6 +132,8 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
     def _check_yielding(self) -> None:
         """Raises `ValueError` for properties that an object which gives way cannot have."""
         key = "object_stand" if self.stand is not None else "object_stiffness_n_m"
+        if self.role == "calibration":
+            raise ValueError(f"{key}: expected none in a calibration, whose pin is fixed")
         if not self.object.convex:
             raise ValueError(f"{key}: expected none with an object that is not convex, found '{self.shape}'")
         if self.friction_coefficient > 0.0:

@@ -124,6 +124,12 @@ pub fn fit(
     let mut gated: BTreeMap<String, Vec<(String, usize, usize)>> = BTreeMap::new();
     for mut trace in dataset.read(Role::Calibration)? {
         front_end.check_trace(&trace.sidecar)?;
+        if !trace.sidecar.is_object_at_rest() {
+            bail!(
+                "{}: scene: found an object that moves or gives way, expected one at rest in a calibration",
+                trace.sidecar.name
+            );
+        }
         let (whisker, name, rows) =
             (trace.sidecar.whisker.name.clone(), trace.sidecar.name.clone(), trace.sidecar.rows);
         match leave_out_glitches(&mut trace) {
@@ -316,11 +322,12 @@ impl WhiskerFit<'_> {
             let of_face: Vec<&Trace> = read.iter().map(|read| read.trace).collect();
             let place = || format!("whisker `{}`, face {}", self.whisker.name, face.name());
             let fitted = fit_face(self.candidates, self.whisker, face, &read, self.folder, self.progress);
-            let FaceFits { fits, friction, failed } = fitted.with_context(place)?;
+            let FaceFits { fits, friction, reference, failed } = fitted.with_context(place)?;
             left_out.extend(failed.iter().map(|reason| format!("{}: {reason}", place())));
             let file = FaceFile::new(&fits, friction).expect("there is a fit");
             let chosen = fits.iter().find(|fit| fit.face.label == file.chosen);
-            write_for_report(chosen.expect("the chosen one is among the fits"), self.whisker, &of_face, self.out)?;
+            let chosen = chosen.expect("the chosen one is among the fits");
+            write_for_report(chosen, self.whisker, &of_face, &reference, self.out)?;
             faces.push(file);
         }
         Ok((faces, left_out))
@@ -359,6 +366,8 @@ struct FaceFits {
     fits: Vec<Fit>,
     /// Friction that was removed from the readings.
     friction: Option<PinFriction>,
+    /// Samples of each trace that the fits were compared with.
+    reference: Vec<Vec<Sample>>,
     /// Reasons why other candidates were left out.
     failed: Vec<String>,
 }
@@ -404,7 +413,8 @@ fn fit_face(
     if fits.is_empty() {
         bail!("no sensor model can be fitted; the first: {}", failed[0]);
     }
-    Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), failed })
+    let reference = material.reference.to_vec();
+    Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), reference, failed })
 }
 
 /// Whether a contact, if there is one, is single and on the side of the whisker.
@@ -443,7 +453,13 @@ fn pin_radius_m<'a>(traces: impl Iterator<Item = &'a Trace>, folder: &Path) -> a
     Ok(mean(distances_m).unwrap_or_default())
 }
 
-fn write_for_report(fit: &Fit, whisker: &Whisker, traces: &[&Trace], out: &Path) -> anyhow::Result<()> {
+fn write_for_report(
+    fit: &Fit,
+    whisker: &Whisker,
+    traces: &[&Trace],
+    reference: &[Vec<Sample>],
+    out: &Path,
+) -> anyhow::Result<()> {
     let stem = face_stem(&whisker.name, fit.face.face);
     let path = out.join(format!("{stem}.surface.csv"));
     write_atomically(&path, &csv_bytes(&surface(&fit.face))?)?;
@@ -452,8 +468,8 @@ fn write_for_report(fit: &Fit, whisker: &Whisker, traces: &[&Trace], out: &Path)
     let stride = fit.samples.div_ceil(MOST_RESIDUALS);
     let is_extreme = |residual: f64| residual.abs() > 0.8 * fit.face.heldout_worst_n_m;
     let mut rows = Vec::new();
-    for (trace, residuals) in traces.iter().zip(&fit.residuals_n_m) {
-        for (i, (sample, residual_n_m)) in clean_contacts(trace).iter().zip(residuals).enumerate() {
+    for ((trace, samples), residuals) in traces.iter().zip(reference).zip(&fit.residuals_n_m) {
+        for (i, (sample, residual_n_m)) in samples.iter().zip(residuals).enumerate() {
             if i % stride != 0 && !is_extreme(*residual_n_m) {
                 continue;
             }

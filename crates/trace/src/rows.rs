@@ -357,17 +357,16 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The displacement of an object that gives way: all of its cells or none.
+    /// The displacement of an object that gives way.
     #[inline]
-    fn yielding(&self) -> Result<Option<YieldingTruth>, Error> {
+    fn yielding(&self) -> Result<YieldingTruth, Error> {
         let moved = (self.optional(PLAIN)?, self.optional(PLAIN + 1)?);
         match (moved, self.optional(PLAIN + 2)?, self.optional(PLAIN + 3)?) {
             ((Some(x_m), Some(y_m)), Some(yaw_rad), Some(indentation_m)) if indentation_m >= 0.0 => {
-                Ok(Some(YieldingTruth { moved_m: [x_m, y_m], yaw_rad, indentation_m }))
+                Ok(YieldingTruth { moved_m: [x_m, y_m], yaw_rad, indentation_m })
             }
             ((Some(_), Some(_)), Some(_), Some(_)) => Err(self.wrong(PLAIN + 3, "an indentation of at least 0")),
-            ((None, None), None, None) => Ok(None),
-            _ => Err(self.wrong(PLAIN, "all values of the object or none")),
+            _ => Err(self.wrong(PLAIN, "the displacement of the object in every row")),
         }
     }
 
@@ -409,7 +408,7 @@ impl<'a> Line<'a> {
             tangent_rad: self.optional(18)?,
             friction: if self.further == FurtherColumns::Friction { self.friction()? } else { None },
             second: if self.further == FurtherColumns::Second { self.second()? } else { None },
-            yielding: if self.further == FurtherColumns::Yielding { self.yielding()? } else { None },
+            yielding: if self.further == FurtherColumns::Yielding { Some(self.yielding()?) } else { None },
         };
         Ok((known, truth))
     }

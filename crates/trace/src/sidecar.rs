@@ -163,7 +163,7 @@ impl Sidecar {
 
     /// Whether the object gives way to the whisker: it stands freely, or its surface is elastic.
     pub fn is_yielding(&self) -> bool {
-        YIELDING.iter().any(|key| self.scene.get(key).is_some())
+        YIELDING.iter().any(|key| self.scene.get(key).is_some_and(|stated| !stated.is_null()))
     }
 
     /// Place in World, at the start, of the origin of the frame of the object's shape.

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use trace::{CalibrationFile, Characteristic, FaceFile, FittedData, SensorFile};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
-use whisker::sensor::{self, Face, Fit, FitData, Sample};
+use whisker::sensor::{self, Face, Fit, FitData, PinFriction, Sample};
 
 fn whisker() -> Whisker {
     Whisker { damping_s: 0.0, ..Whisker::straight() }
@@ -47,6 +47,24 @@ fn calibration(fits: &[Fit]) -> CalibrationFile {
         Watermark { tool: "test".into(), version: "0".into(), git_commit: None, inputs_sha256: String::new() };
     let data = FittedData { seed: 1, traces: vec!["trace".into()], ..FittedData::default() };
     CalibrationFile::new(whisker(), data, faces, watermark)
+}
+
+#[test]
+fn robust_friction_is_kept_and_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("with_friction.json");
+    let friction = PinFriction { coefficient: 0.3, coefficient_sd: 0.01 };
+    let plain = calibration(&fits());
+    let faces = vec![FaceFile { friction: Some(friction), ..plain.faces[0].clone() }];
+    let data = FittedData { traces: plain.traces.clone(), ..FittedData::default() };
+    let file = CalibrationFile::new(whisker(), data.clone(), faces.clone(), plain.watermark.clone());
+    write_json(&path, &file).unwrap();
+    assert_eq!(CalibrationFile::read(&path).unwrap().faces[0].friction, Some(friction));
+    let negative = PinFriction { coefficient: -0.3, ..friction };
+    let faces = vec![FaceFile { friction: Some(negative), ..faces[0].clone() }];
+    write_json(&path, &CalibrationFile::new(whisker(), data, faces, plain.watermark)).unwrap();
+    let error = CalibrationFile::read(&path).unwrap_err().to_string();
+    assert!(error.contains("faces.left.friction.coefficient: found -0.3, expected a number of 0 or more"), "{error}");
 }
 
 /// Error message for a changed file; it must be one line.

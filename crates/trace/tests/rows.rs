@@ -278,5 +278,5 @@ fn robust_an_invalid_displacement_is_one_error_with_its_place() {
     let row = text.lines().nth(line - 1).unwrap();
     fs::write(&path, text.replacen(row, &row.replacen(values, ",0.25,0.0002", 1), 1)).unwrap();
     let found = error(&path);
-    assert!(found.contains("expected all values of the object or none"), "{found}");
+    assert!(found.contains("expected the displacement of the object in every row"), "{found}");
 }

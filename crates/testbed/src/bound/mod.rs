@@ -35,6 +35,7 @@ use whisker::sensor::CalibratedFace;
 
 use crate::contact_events::CHATTER_S;
 use deviations::{Joint, JointReading, size_variance};
+use yielding::{TouchedPlace, displacement_m};
 
 /// Prior standard deviation of the contact's distance from the undeflected whisker at the touch, in space in either direction
 /// across it. The first reading reduces it about tenfold.
@@ -130,22 +131,23 @@ impl TraceBound {
         let installed = unknown_motion.clone().installed();
         let mut joints = [Joint::new(deviations, 0.0), known_motion, unknown_motion, installed];
         let mut touched = Vector2::zeros();
-        let (mut given_at_touch, mut given_before) = (Vector2::zeros(), Vector2::zeros());
+        let (mut first_place, mut last_place) = (None, None);
         for (row, (bound, truth)) in self.instants.iter_mut().zip(&trace.truth.instants).enumerate() {
             let (Some(bound), Some(at)) = (bound, truth.contact) else { continue };
             let known = &instants[row];
             let seen = known.base.inverse().apply(at);
-            let given = yielding::displacement_m(truth, &trace.sidecar);
+            let place = TouchedPlace::new(truth, &trace.sidecar);
             if bound.since_touch_s == 0.0 {
                 touched = at.vector();
-                given_at_touch = given;
-                given_before = given;
+                (first_place, last_place) = (place, place);
                 joints.iter_mut().for_each(|joint| joint.touch(&prior_m2(face, &known.base, seen)));
             }
             // Displacement relative to the object.
-            let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s - (given - given_at_touch);
-            joints[2..].iter_mut().for_each(|joint| joint.walk(&(given - given_before)));
-            given_before = given;
+            let object_m = displacement_m(first_place.as_ref(), place.as_ref());
+            let moved_m = at.vector() - touched - object_m_s * bound.since_touch_s - object_m;
+            let step_m = -displacement_m(place.as_ref(), last_place.as_ref());
+            joints[2..].iter_mut().for_each(|joint| joint.walk(&step_m));
+            last_place = place;
             let is_plain = truth.tip != Some(true) && truth.split != Some(true);
             if let Some(expected) = face.predict(seen).filter(|_| is_plain) {
                 let [before, after] =

@@ -56,7 +56,7 @@ pub const MISLEADING: Metric = Metric {
         }
         mean(scored.contacts.iter().filter_map(|contact| {
             let estimate = scored.estimates[contact.row].as_ref()?;
-            let is_wrong = contact.error_m? > WRONG_M && contact.nees.is_some_and(|nees| nees > CHI2_2_95);
+            let is_wrong = contact.error_m? > WRONG_M && contact.nees? > CHI2_2_95;
             Some(f64::from(is_wrong && !estimate.model_doubtful))
         }))
     },

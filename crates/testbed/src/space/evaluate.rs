@@ -177,6 +177,7 @@ fn prepared<'a>(
         bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Trial.name());
     }
     for trace in &traces {
+        front_end.check_trace(&trace.sidecar)?;
         let name = &trace.sidecar.whisker.name;
         if whiskers.contains_key(name) {
             continue;
@@ -187,7 +188,6 @@ fn prepared<'a>(
                 trace.sidecar.name
             )
         })?;
-        front_end.check_trace(&trace.sidecar)?;
         let sensor = front_end.sensor(path, file)?;
         whiskers.insert(name.clone(), (calibrated(path, file, &trace.sidecar)?, sensor));
     }

@@ -139,8 +139,13 @@ impl WhiskerFit<'_> {
         for trace in traces {
             front_end.check_trace(&trace.sidecar)?;
         }
+        let is_recorded = traces[0].sidecar.recorded.is_some();
+        if let Some(other) = traces.iter().find(|trace| trace.sidecar.recorded.is_some() != is_recorded) {
+            let kind = |is_recorded| if is_recorded { "a recording" } else { "a simulated trace" };
+            let (found, first) = (kind(!is_recorded), &traces[0].sidecar.name);
+            bail!("{}: found {found}, expected {}, as {first}", other.sidecar.name, kind(is_recorded));
+        }
         // The readings of a recording already contain noise.
-        let is_recorded = traces.iter().any(|trace| trace.sidecar.recorded.is_some());
         let noise_fraction = if is_recorded { 0.0 } else { settings.noise };
         let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
         let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };

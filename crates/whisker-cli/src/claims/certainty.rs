@@ -365,7 +365,8 @@ fn miscalibrations() -> Vec<Claim> {
                 85.0,
                 "%",
                 move |context| {
-                    let coverages = rows(context).into_iter().filter_map(|trial| trial.get(&consistency::COVERAGE));
+                    let coverages =
+                        rows(context).into_iter().map(|trial| trial.get(&consistency::COVERAGE).unwrap_or_default());
                     Ok(mean(coverages).map(|coverage| 100.0 * coverage))
                 },
             ),

@@ -70,10 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         print_failures(&imported.failures);
         bail!("{}: found no recordings that can be imported", path.display());
     }
-    let planar = imported.traces.iter().map(|trace| (&trace.sidecar.name, &trace.sidecar.generator.name));
-    let spatial = imported.spatial_traces.iter().map(|trace| (&trace.sidecar.name, &trace.sidecar.generator.name));
-    for (name, generator) in planar.chain(spatial) {
-        check_replaces_imported(&out.join(format!("{name}.csv")), generator)?;
+    for Trace { sidecar, .. } in &imported.traces {
+        check_replaces_imported(&out, &sidecar.name, &sidecar.generator.name, sidecar.format)?;
+    }
+    for SpatialTrace { sidecar, .. } in &imported.spatial_traces {
+        check_replaces_imported(&out, &sidecar.name, &sidecar.generator.name, sidecar.format)?;
     }
     for (file, _) in &imported.outlines {
         check_replaces_own(&out.join(file), "an outline", |path| Outline::read(path).is_ok())?;
@@ -106,15 +107,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
 
-/// Checks that a trace replaces nothing but a trace of the same importer, `generator`.
+/// Checks that a trace replaces nothing but a trace of the same importer, `generator`, and of the same format.
 ///
 /// # Errors
-/// If one of its two files is there and is none of this importer.
-fn check_replaces_imported(path: &Path, generator: &str) -> Result<(), Error> {
-    check_replaces_own(path, "a trace", |path| is_trace_table(path).unwrap_or(false))?;
-    let kind = format!("the sidecar of a trace that `whisker import {generator}` wrote");
+/// If one of its two files is there and is no such file.
+fn check_replaces_imported(out: &Path, name: &str, generator: &str, format: u32) -> Result<(), Error> {
+    let path = out.join(format!("{name}.csv"));
+    check_replaces_own(&path, "a trace", |path| is_trace_table(path).unwrap_or(false))?;
+    let kind = format!("the sidecar of a trace of format {format} that `whisker import {generator}` wrote");
     check_replaces_own(&path.with_extension("json"), &kind, |path| {
-        read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace" && file["generator"]["name"] == generator)
+        read_json::<Value>(path).is_ok_and(|file| {
+            file["kind"] == "trace" && file["format"] == format && file["generator"]["name"] == generator
+        })
     })
 }
 

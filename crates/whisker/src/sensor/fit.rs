@@ -31,7 +31,7 @@ pub struct FitData<'a> {
     pub whisker: &'a Whisker,
     /// Side of the whisker on which the object lies.
     pub face: Face,
-    /// Samples of each trace with the readings of the sensor, which are fitted.
+    /// Samples of each trace with the readings of the sensor, which are fitted; in the order of time.
     pub measured: &'a [Vec<Sample>],
     /// The same samples with the readings that held-out predictions are compared with: free of noise, if known.
     pub reference: &'a [Vec<Sample>],

@@ -23,9 +23,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{AlongAway, CalibratedFace, FitData, Lean, Region, Sample, elastica};
 
-/// Range of the coefficients that are looked for. If the residuals are smaller without friction than at the least one, there is no
-/// search.
-const RANGE: (f64, f64) = (0.03, 1.0);
+/// If the residuals are smaller without friction than with this coefficient, there is no search.
+const LEAST: f64 = 0.03;
+
+/// Largest coefficient. A greater one would be another hysteresis than that of friction.
+const MOST: f64 = 1.0;
 
 /// Tolerance of the coefficient.
 const TOLERANCE: f64 = 1e-3;
@@ -72,8 +74,8 @@ impl WithoutFriction {
 }
 
 /// Estimates the friction of a calibration and removes it from the readings. `None` if the readings are those without friction
-/// within their scatter; if the pin slid in one direction only, so that they do not tell friction from stiffness; or if they do not
-/// determine the whisker's mechanics.
+/// within their scatter; if the pin slid in one direction only, so that they do not tell friction from stiffness; if the coefficient
+/// would exceed that of any friction, as with another hysteresis; or if they do not determine the whisker's mechanics.
 pub fn without_friction(data: &FitData<'_>) -> Option<WithoutFriction> {
     let row = super::model(elastica::KIND).ok()?;
     // The error of this fit is not needed: as one trace, the samples are divided into the smallest number of parts.
@@ -81,11 +83,11 @@ pub fn without_friction(data: &FitData<'_>) -> Option<WithoutFriction> {
     let whole = FitData { measured: &measured, reference: &reference, ..*data };
     let face = super::fit(row, &(row.defaults)(), &whole).ok()?.face;
     let search = Search::new(data, &face);
-    if search.cost(RANGE.0)? >= search.cost(0.0)? {
+    if search.cost(LEAST)? >= search.cost(0.0)? {
         return None;
     }
     let coefficient = search.best()?;
-    if !search.slides_both_ways(coefficient) {
+    if coefficient > MOST - STEP || !search.slides_both_ways(coefficient) {
         return None;
     }
     let friction = PinFriction { coefficient, coefficient_sd: search.coefficient_sd(coefficient)? };
@@ -190,7 +192,7 @@ impl<'a> Search<'a> {
     /// The coefficient with the smallest cost, by sections of the interval in the golden ratio.
     fn best(&self) -> Option<f64> {
         let inner = |low: f64, high: f64| low + (high - low) * (3.0 - 5.0_f64.sqrt()) / 2.0;
-        let (mut low, mut high) = (0.0, RANGE.1);
+        let (mut low, mut high) = (0.0, MOST);
         let (mut left, mut right) = (inner(low, high), inner(high, low));
         let (mut left_cost, mut right_cost) = (self.cost(left)?, self.cost(right)?);
         while high - low > TOLERANCE {
@@ -255,6 +257,15 @@ mod tests {
         Whisker { damping_s: 0.0, ..Whisker::curved() }.with_curvature([Curvature::new(0.08, 12.5)])
     }
 
+    /// The mirror image of samples, at a whisker of opposite curvature.
+    fn mirrored(lines: &[Vec<Sample>]) -> Vec<Vec<Sample>> {
+        let mirror = |sample: &Sample| Sample {
+            contact: Point::new(sample.contact.x(), -sample.contact.y()),
+            reading_n_m: -sample.reading_n_m,
+        };
+        lines.iter().map(|line| line.iter().map(mirror).collect()).collect()
+    }
+
     /// Motion of the base on a line of the calibration.
     #[derive(Clone, Copy)]
     enum Way {
@@ -293,9 +304,13 @@ mod tests {
     }
 
     fn found(lines: &[Vec<Sample>]) -> Option<WithoutFriction> {
+        found_at(&whisker(), Face::Left, lines)
+    }
+
+    fn found_at(whisker: &Whisker, face: Face, lines: &[Vec<Sample>]) -> Option<WithoutFriction> {
         without_friction(&FitData {
-            whisker: &whisker(),
-            face: Face::Left,
+            whisker,
+            face,
             measured: lines,
             reference: lines,
             reference_noise_sd_n_m: 0.0,
@@ -314,6 +329,34 @@ mod tests {
                 without.friction
             );
         }
+    }
+
+    #[test]
+    fn val_the_removed_friction_is_that_of_the_exact_whisker() {
+        let (lines, whisker) = (lines(0.3, 0.0, Way::ToAndFro), whisker());
+        let elastica = Elastica::new(&whisker).unwrap();
+        let largest_n_m = lines.iter().flatten().map(|sample| sample.reading_n_m.abs()).fold(0.0, f64::max);
+        // Largest difference from the reading without friction, relative to the largest reading.
+        let difference = |lines: &[Vec<Sample>]| {
+            let of_sample = |sample: &Sample| {
+                let exact = elastica.at_point(sample.contact).unwrap().deflection.moment_n_m;
+                (sample.reading_n_m - exact).abs() / largest_n_m
+            };
+            lines.iter().flatten().map(of_sample).fold(0.0, f64::max)
+        };
+        let without = found(&lines).unwrap();
+        let (before, after) = (difference(&lines), difference(&without.measured));
+        assert!(before > 5e-3 && after < 0.1 * before, "{before} {after}");
+        assert_eq!(without.measured, without.reference);
+    }
+
+    #[test]
+    fn verif_the_mirror_image_has_the_same_friction() {
+        let lines = lines(0.3, 0.0, Way::ToAndFro);
+        let mirror = whisker().with_curvature([Curvature::new(0.08, -12.5)]);
+        let (left, right) = (found(&lines).unwrap(), found_at(&mirror, Face::Right, &mirrored(&lines)).unwrap());
+        let difference = left.friction.coefficient - right.friction.coefficient;
+        assert!(difference.abs() < 2.0 * TOLERANCE, "{:?} {:?}", left.friction, right.friction);
     }
 
     #[test]
