@@ -93,7 +93,7 @@ pub struct ImporterRow {
     pub about: &'static str,
     /// Imports a mapping file, or a folder in the published layout.
     pub import: Import,
-    /// Imports the same as traces in space. `None` if the format has no recordings in space.
+    /// Imports the same recordings as traces in space. `None` if the format has no recordings in space.
     pub import_in_space: Option<Import>,
 }
 
@@ -134,7 +134,7 @@ pub const IMPORTERS: &[ImporterRow] = &[
     },
     ImporterRow {
         name: stanford_whisker::NAME,
-        about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): calibrations, pin trials and object sweeps, their planar part or in space",
+        about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): calibrations, pin trials and object sweeps, planar or in space",
         import: stanford_whisker::import,
         import_in_space: Some(stanford_whisker::space::traces::import),
     },

@@ -197,7 +197,7 @@ impl Dataset {
         })
     }
 
-    /// As [`Self::default_noise`], of a dataset in space.
+    /// As [`Self::default_noise`], for a dataset in space.
     ///
     /// # Errors
     /// As [`Self::default_noise`].
@@ -214,8 +214,8 @@ impl Dataset {
     }
 }
 
-/// The default noise that all trials among some traces have in common, 0 without trials. `of` reads that of a trace, `None` for one
-/// that is no trial.
+/// Default noise, common to all trials among these traces; 0 without trials. `of` returns that of a trace, `None` if the trace is
+/// not a trial.
 fn common_noise<'a>(
     paths: impl IntoIterator<Item = &'a PathBuf>,
     of: impl Fn(&Path) -> anyhow::Result<Option<f64>>,

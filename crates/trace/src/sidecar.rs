@@ -140,7 +140,7 @@ pub struct Sidecar {
 /// Scene key of the velocity of a moving object.
 const OBJECT_VELOCITY: &str = "object_velocity_m_s";
 
-/// Scene keys of an object that gives way: of its free stand, and of the stiffness of its surface.
+/// Scene keys of an object that gives way: its free stand, and the stiffness of its surface.
 const YIELDING: [&str; 2] = ["object_stand", "object_stiffness_n_m"];
 
 /// Elements of an array of two numbers; `None` for any other value.

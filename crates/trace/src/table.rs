@@ -258,7 +258,7 @@ impl FurtherColumns {
         }
     }
 
-    /// Number of those that are empty without contact.
+    /// Number of these columns that are empty without contact.
     pub(crate) const fn of_contact(self) -> usize {
         match self {
             // The displacement of an object is known at any time.

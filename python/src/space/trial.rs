@@ -35,7 +35,8 @@ use crate::trial::front_end_of;
 /// that of its group, as of `whisker evaluate`, use `evaluate` or `noise_sd_n_m`), by default 0.01, and 0 for a front end with its
 /// own noise and for a recording of a real sensor; `noise_sd_n_m` states it in N m instead. `seed` is that of the noise and of the
 /// front end. `front_end` is the sensor between moment and reading, see `spatial_front_ends()`, with the settings
-/// `front_end_settings`. The calibration must be one of the trace's whisker through the same front end. `ValueError` names a wrong argument.
+/// `front_end_settings`. The calibration must be one of the trace's whisker through the same front end. `ValueError` names a wrong
+/// argument.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialTrial {
     trace: Py<SpatialTrace>,

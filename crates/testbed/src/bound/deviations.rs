@@ -19,9 +19,9 @@
 //!
 //! If the object gives way to the whisker, its displacement since the touch is a random walk that is part of the contact. The standard
 //! deviation of a step is that of the actual displacement since the last instant, in an unknown direction. An estimator that knew
-//! when and by how much the object is displaced, but not in which direction, and took the directions as independent, could not have a
-//! smaller mean square error. One that does not know the amounts has a larger error; one that knew the friction of the object, and that
-//! it is pushed along the contact force, could have a smaller one.
+//! when and by how much the object is displaced, but not in which direction, and assumed independent directions, could not have a
+//! smaller mean square error. One that does not know the amounts has a larger error; one that knew the friction of the object, and
+//! that it is pushed along the contact force, could have a smaller one.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};

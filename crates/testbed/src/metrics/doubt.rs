@@ -3,7 +3,7 @@
 use super::{Metric, Scored, Summary};
 use crate::statistics::{CHI2_2_95, mean};
 
-/// Error above which a contact is wrong.
+/// Error above which an estimate can be misleading (m).
 const WRONG_M: f64 = 0.3e-3;
 
 /// Share of the estimates with the signal.
@@ -44,7 +44,7 @@ pub const CONTACT_TIME: Metric = Metric {
     measure: |scored| Some(signals(scored).count() as f64 / scored.trial.trace.sidecar.rate_hz),
 };
 
-/// Share of the estimates that are wrong without a sign of it, on objects that give way.
+/// Share of misleading estimates, on objects that give way.
 pub const MISLEADING: Metric = Metric {
     name: "misleading",
     about: "objects that give way: fraction of the estimates with an error above 0.3 mm whose 95 % ellipse does not contain the true \

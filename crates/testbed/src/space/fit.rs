@@ -180,7 +180,7 @@ impl WhiskerFit<'_> {
         write_json(&path, &calibration)?;
         let contacts = (ambiguous > 0).then(|| {
             let of = ambiguous + lines.iter().map(Vec::len).sum::<usize>();
-            format!("{ambiguous} of {of} contacts, which have no unique nearest point of the undeflected whisker")
+            format!("{ambiguous} of {of} contacts, which have no unique nearest point on the undeflected whisker")
         });
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out })
@@ -215,11 +215,11 @@ fn fits(
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
 }
 
-/// Largest distance of a contact from the one that has its coordinates about the undeflected whisker, if these are unique.
+/// Largest distance (m) between a contact and the one at its coordinates about the undeflected whisker, if these are unique.
 const UNIQUE_M: f64 = 1e-6;
 
-/// Leaves out contacts whose coordinates about the undeflected whisker are not unique, as those of large deflections of a real
-/// whisker: beyond its tip, or as far away as its smallest radius of curvature. Returns their number.
+/// Leaves out contacts whose coordinates about the undeflected whisker are not unique, as under large deflections of a real
+/// whisker: beyond its tip, or at least as far away as its smallest radius of curvature. Returns their number.
 fn leave_out_ambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> usize {
     let rest = whisker.rest_shape();
     let most_per_m = whisker.curvature.iter().map(|piece| piece.curvature_per_m.abs()).fold(0.0, f64::max);
@@ -234,7 +234,7 @@ fn leave_out_ambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -
     all - count(lines)
 }
 
-/// Smallest interval between two rows that ends a line of contacts, in periods of the rate.
+/// Smallest interval between two rows that ends a line of contacts, in sampling periods.
 const GAP: f64 = 1.5;
 
 /// Lines of known single contacts on the side of the whisker, each from touch to release or to a gap of the recording, with the

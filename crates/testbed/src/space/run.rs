@@ -170,8 +170,8 @@ impl SpatialRun {
         read_rows(&FAILURES.path(folder))
     }
 
-    /// Trials by the solid that they sweep over, in order of their first trial. One whose solid is not known, as in recordings of real
-    /// sensors, is on its own.
+    /// Trials by the solid that they sweep over, in order of their first trial. A trial whose solid is unknown, as in recordings of
+    /// real sensors, is on its own.
     fn solids(&self) -> Vec<Swept<'_>> {
         let mut solids: Vec<Swept<'_>> = Vec::new();
         for trial in &self.trials {

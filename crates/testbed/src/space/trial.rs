@@ -59,7 +59,7 @@ struct Sums {
     /// Instants at which an estimate is expected, and those of them with one.
     expected: usize,
     expected_answered: usize,
-    /// Instants with an estimate, and those of them at which all of the true contact is known.
+    /// Instants with an estimate, and those of them at which the true contact is completely known.
     answered: usize,
     complete: usize,
     contact: f64,

@@ -49,8 +49,8 @@ impl BendingResponse {
         Matrix2::from(self.counts_per_n_m).transpose()
     }
 
-    /// Bending moments about y and z (N m), 2x1, of counts above rest. Zero if the response is singular, which a file with one is
-    /// refused for.
+    /// Bending moments about y and z (N m), 2x1, of counts above rest. Zero if the response is singular; a file with such a
+    /// response is refused.
     pub fn moment_n_m(&self, counts: Vector2<f64>) -> Vector2<f64> {
         self.response().try_inverse().unwrap_or_default() * counts
     }
@@ -91,7 +91,7 @@ pub struct SpatialRecorded {
 }
 
 impl SpatialRecorded {
-    /// Standard deviation of the noise in an average direction of bending (N m).
+    /// Root mean square of the standard deviations of the noise about y and z (N m).
     pub fn mean_noise_sd_n_m(&self) -> f64 {
         let [y_n_m, z_n_m] = self.noise_sd_n_m;
         y_n_m.hypot(z_n_m) * FRAC_1_SQRT_2

@@ -114,7 +114,7 @@ impl SpatialSidecar {
         self.spatial_whisker().rod()
     }
 
-    /// Standard deviation of the noise that the readings contain, in an average direction of bending; 0 for simulated traces.
+    /// Standard deviation of the noise that the readings contain, root mean square over both moments; 0 for simulated traces.
     pub fn own_noise_sd_n_m(&self) -> f64 {
         self.recorded.as_ref().map_or(0.0, SpatialRecorded::mean_noise_sd_n_m)
     }

@@ -114,7 +114,7 @@ pub struct SpatialContactTruth {
 pub struct SpatialTruthInstant {
     /// Whether the whisker is in contact, if known.
     pub touching: Option<bool>,
-    /// The contact, if there is one and all of it is known.
+    /// The contact, if there is one and it is completely known.
     pub contact: Option<SpatialContactTruth>,
     /// Place of a contact in World (m), 3x1, of which nothing else is known, as in recordings of real sensors. `None` if `contact`
     /// states it.
@@ -127,8 +127,8 @@ impl SpatialTruthInstant {
         self.contact.map(|contact| contact.contact).or(self.place)
     }
 
-    /// Whether the contact is one on the side of the whisker, in one place: neither at the tip nor in several places, as far as
-    /// this is known.
+    /// Whether the contact is single and on the side of the whisker: neither at the tip nor in several places, as far as this is
+    /// known.
     pub fn is_single(&self) -> bool {
         self.contact.is_none_or(|contact| !contact.tip && !contact.split)
     }

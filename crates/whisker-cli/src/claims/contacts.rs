@@ -16,7 +16,7 @@ pub(super) const RUN: &str = "random_contacts";
 #[derive(Clone, Copy)]
 struct Condition {
     id: &'static str,
-    /// Largest share (%) of the ellipses that hold the truth.
+    /// Upper bound (%) of the claim on the share of ellipses that hold the truth.
     most_covered: f64,
     description: &'static str,
     /// Whether a scene has this condition.

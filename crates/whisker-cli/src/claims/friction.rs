@@ -84,8 +84,8 @@ fn factors((whisker, object): (&'static str, &'static str)) -> [Claim; 2] {
     })
 }
 
-/// Error with each coefficient relative to that without friction, as means over the trials of all objects: a few large errors, which
-/// do not change a median, count in them.
+/// Error with each coefficient relative to that without friction, as means over the trials of all objects: unlike medians, these
+/// increase with a few large errors.
 fn means(whisker: &'static str) -> [Claim; 2] {
     COEFFICIENTS.map(|percent| {
         let coefficient = f64::from(percent) / 100.0;

@@ -1,4 +1,4 @@
-//! Objects that give way: accuracy and its bounds, doubt, and estimates that are wrong without a sign of it.
+//! Objects that give way: accuracy and its bounds, doubt, and misleading estimates.
 
 use testbed::metrics::{consistency, doubt};
 
@@ -8,7 +8,7 @@ use super::{Claim, Context, RECOMMENDED, WHISKERS, percent};
 /// Run of the suite of objects that give way.
 pub(super) const RUN: &str = "yielding";
 
-/// Objects that give way, by group, in words. The friction is that with the table.
+/// Groups of objects that give way, with their descriptions. The friction is that with the table.
 const OBJECTS: [(&str, &str); 16] = [
     ("free_pin_0p2g_0p1", "free pin, 0.2 g, coefficient of friction 0.1"),
     ("free_pin_0p2g_slow", "free pin, 0.2 g, coefficient of friction 0.1, slow stroke"),
@@ -68,7 +68,7 @@ fn expected_to_be_accurate((group, words): (&'static str, &'static str), whisker
     })
 }
 
-/// Share of the estimates that are wrong without a sign of it.
+/// Share of misleading estimates.
 fn misleading((group, words): (&'static str, &'static str), whisker: &'static str) -> Claim {
     let what = format!(
         "{words}, {whisker} whisker: estimates with an error above 0.3 mm outside of the stated 95 % ellipse and without doubt, mean \

@@ -10,7 +10,7 @@ use files::{Error, check_replaces_own, read_json, write_atomically};
 use importers::{IMPORTERS, Imported, importer};
 use serde_json::Value;
 use testbed::plausibility::{Subject, spatial_findings};
-use trace::{Outline, Role, Sidecar, SpatialSidecar, is_trace_table};
+use trace::{Outline, Role, Sidecar, SpatialSidecar, SpatialTrace, Trace, is_trace_table};
 
 use super::output::reserve_folder;
 use super::progress::Progress;
@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     /// Mapping file, or folder with the recordings of a published format
     #[arg(required_unless_present = "list")]
     path: Option<PathBuf>,
-    /// Import traces in space, with all axes and channels, in place of planar traces
+    /// Import traces in space, with all axes and channels, instead of planar traces
     #[arg(long)]
     space: bool,
     /// Folder for the traces [default: datasets/<format>, datasets/<format>-space with --space]

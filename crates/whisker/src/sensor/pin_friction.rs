@@ -1,6 +1,6 @@
 //! Friction between the whisker and the pin of a calibration.
 //!
-//! With friction, the reading of a contact depends on the way by which the pin came there: the force leans towards the tip while
+//! With friction, the reading of a contact depends on the path by which the pin reached it: the force leans towards the tip while
 //! the pin slides towards the tip, and towards the root while it slides back. A sensor model is a function of the contact alone,
 //! and would be fitted to the mean of both. Here the coefficient of friction is estimated, and the readings are converted to those
 //! without friction.
@@ -14,19 +14,19 @@
 //! of pin and wire together, about which the contact rolls (minus on the left face); `q` is the ratio of friction to normal force,
 //! and `r` the ratio of the moment to that without friction. Arc length, angle and moment as functions of `q` are those of the
 //! exact whisker ([`Lean`]). Successive samples of a trace are states of one quasi-static motion; a rotation of the base, by which
-//! the contact rolls too, is not considered. Where a touch begins, the force vanishes, and with it the effect of `q`.
+//! the contact rolls too, is neglected. Where a touch begins, the force vanishes, and with it the effect of `q`.
 //!
-//! The coefficient `mu` is that with the smallest sum of squared residuals of the whisker's mechanics, which are fitted anew for
-//! every value tried.
+//! The coefficient `mu` is that with the smallest sum of squared residuals of the whisker's mechanics, which are refitted for every
+//! value tried.
 
 use serde::{Deserialize, Serialize};
 
 use super::{AlongAway, CalibratedFace, FitData, Lean, Region, Sample, elastica};
 
-/// If the residuals are smaller without friction than with this coefficient, there is no search.
+/// Smallest coefficient that is compared with no friction. If the residuals with it are not smaller, there is no search.
 const LEAST: f64 = 0.03;
 
-/// Largest coefficient. A greater one would be another hysteresis than that of friction.
+/// Largest coefficient of the search. One near it indicates another hysteresis than friction.
 const MOST: f64 = 1.0;
 
 /// Tolerance of the coefficient.
@@ -41,8 +41,8 @@ const BLOCKS: usize = 40;
 /// Least ratio of a coefficient to its standard deviation at which a calibration counts as one with friction.
 const LEAST_EVIDENCE: f64 = 5.0;
 
-/// Least share of the squared readings that must have been taken while the pin slid in either direction. Friction of one direction
-/// alone is indistinguishable from another stiffness.
+/// Least share of the squared readings that must have been taken while the pin slid in each direction. Friction in one direction
+/// alone is indistinguishable from a different stiffness.
 const LEAST_SHARE: f64 = 0.05;
 
 /// Coefficient of friction between a whisker and the pin of its calibration.
@@ -51,7 +51,7 @@ const LEAST_SHARE: f64 = 0.05;
 pub struct PinFriction {
     /// The coefficient.
     pub coefficient: f64,
-    /// Its standard deviation, by the scatter between blocks of successive samples.
+    /// Its standard deviation, from the scatter between blocks of successive samples.
     pub coefficient_sd: f64,
 }
 
@@ -73,12 +73,12 @@ impl WithoutFriction {
     }
 }
 
-/// Estimates the friction of a calibration and removes it from the readings. `None` if the readings are those without friction
-/// within their scatter; if the pin slid in one direction only, so that they do not tell friction from stiffness; if the coefficient
-/// would exceed that of any friction, as with another hysteresis; or if they do not determine the whisker's mechanics.
+/// Estimates the friction of a calibration and removes it from the readings. `None` if the coefficient is not significant; if it is
+/// at the end of the search, as with another hysteresis; if the pin slid in one direction only, so that friction cannot be
+/// distinguished from stiffness; or if the readings do not determine the whisker's mechanics.
 pub fn without_friction(data: &FitData<'_>) -> Option<WithoutFriction> {
     let row = super::model(elastica::KIND).ok()?;
-    // The error of this fit is not needed: as one trace, the samples are divided into the smallest number of parts.
+    // The held-out error of this fit is not needed: as one trace, the samples are divided into the smallest number of parts.
     let (measured, reference) = ([data.measured.concat()], [data.reference.concat()]);
     let whole = FitData { measured: &measured, reference: &reference, ..*data };
     let face = super::fit(row, &(row.defaults)(), &whole).ok()?.face;
@@ -129,7 +129,7 @@ impl<'a> Search<'a> {
         Self { data, face, lean: face.lean(data.whisker), places }
     }
 
-    /// Coordinate `s` of the module, which rests while the pin sticks to the whisker.
+    /// Coordinate `s` of the module (m), which is constant while the pin sticks to the whisker.
     fn rolled_m(&self, &Place { at, tangent_rad }: &Place, ratio: f64) -> f64 {
         let tangent_rad = tangent_rad + self.lean.turn_rad(at, ratio).value;
         let arc_m = at.along_m + self.lean.beyond_m(at, ratio).value;
@@ -189,7 +189,7 @@ impl<'a> Search<'a> {
         Some(self.residuals_n_m(coefficient)?.iter().map(|residual| residual * residual).sum())
     }
 
-    /// The coefficient with the smallest cost, by sections of the interval in the golden ratio.
+    /// The coefficient with the smallest cost, by golden-section search.
     fn best(&self) -> Option<f64> {
         let inner = |low: f64, high: f64| low + (high - low) * (3.0 - 5.0_f64.sqrt()) / 2.0;
         let (mut low, mut high) = (0.0, MOST);
@@ -221,8 +221,8 @@ impl<'a> Search<'a> {
         to_tip.min(to_root) >= LEAST_SHARE * all
     }
 
-    /// Standard deviation of the coefficient. The residuals of a block may have any correlation (sandwich estimator of
-    /// White 1980, by clusters).
+    /// Standard deviation of the coefficient. The residuals within a block may have any correlation (clustered sandwich estimator,
+    /// Liang and Zeger 1986).
     fn coefficient_sd(&self, coefficient: f64) -> Option<f64> {
         let below = (coefficient - STEP).max(0.0);
         let (less, more) = (self.residuals_n_m(below)?, self.residuals_n_m(coefficient + STEP)?);
