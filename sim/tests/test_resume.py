@@ -20,9 +20,9 @@ from test_arm import SHORT
 from whisker_sim.arm.recording import is_up_to_date, write_recording
 from whisker_sim.arm.simulate import simulate_passage
 from whisker_sim.cli import main
-from whisker_sim.model import build_model
 from whisker_sim.products import make_trace, product_of
 from whisker_sim.runs import load_runs
+from whisker_sim.sweep import build_sweep_model
 from whisker_sim.trace import remove_leftovers
 
 from conftest import REPOSITORY, SCENES, SWEEP
@@ -189,14 +189,14 @@ def test_robust_killed_while_writing_a_recording(tmp_path, monkeypatch):
 def test_robust_unstable_step_fails_with_name_and_time(make_run, tmp_path, monkeypatch):
     """A warning from MuJoCo fails the trace with its name and time; no files are left."""
 
-    def unstable(*arguments) -> mujoco.MjModel:
-        model = build_model(*arguments)
+    def unstable(scene) -> mujoco.MjModel:
+        model = build_sweep_model(scene)
         # With an explicit integrator the hinges would need time steps of 5 us.
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         return model
 
-    monkeypatch.setattr("whisker_sim.simulate.build_model", unstable)
+    monkeypatch.setattr("whisker_sim.simulate.build_sweep_model", unstable)
     outcome = make_trace(tmp_path / "out", make_run())
     assert outcome.code == 1
     assert re.search(r"sweep\.json: sweep: MuJoCo warns: .*unstable.* Time = 0\.\d+", outcome.line)
