@@ -162,25 +162,32 @@ fn verif_a_right_angle_of_the_force_is_read_as_written() {
     assert_eq!(again.to_csv(), trace.to_csv());
 }
 
+/// Checks that the first row that ends with `values` is refused with each of the other cells, by one error that begins with the
+/// place of the row and goes on with the text beside the cells.
+fn check_places(path: &Path, text: &str, values: &str, cases: &[(&str, &str)]) {
+    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
+    for (cells, expected) in cases {
+        fs::write(path, text.replacen(values, cells, 1)).unwrap();
+        let found = error(path);
+        let place = format!(".csv:{line}: {expected}");
+        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
+    }
+}
+
 #[test]
 fn robust_invalid_friction_is_one_error_with_its_place() {
     let folder = tempfile::tempdir().unwrap();
     let (_, path) = with_friction(folder.path());
     let text = fs::read_to_string(&path).unwrap();
     let values = "-0.2500000000,0.0030000000,0";
-    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
-    for (cells, expected) in [
+    let cases = [
         ("-1.6,0.003,0", "column truth_friction_angle_rad: found `-1.6`, expected an angle of at most a right one"),
         ("-0.25,,0", "column truth_friction_angle_rad: found `-0.25`, expected all values of the friction or none"),
         ("-0.25,nan,0", "column truth_slip_m_s: found `nan`, expected a finite number"),
         ("-0.25,0.003,2", "column truth_sticking: found `2`, expected 0, 1 or an empty field"),
         ("-0.25,0.003", "row: found 21 fields, expected 22 fields"),
-    ] {
-        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
-        let found = error(&path);
-        let place = format!(".csv:{line}: {expected}");
-        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
-    }
+    ];
+    check_places(&path, &text, values, &cases);
     fs::write(&path, text.replacen("truth_slip_m_s", "slip", 1)).unwrap();
     let found = TraceRows::open(&path).unwrap_err().to_string();
     assert!(found.contains("header, column 21: found `slip`, expected `truth_slip_m_s`"), "{found}");
@@ -212,8 +219,7 @@ fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
     let (_, path) = with_second(folder.path());
     let text = fs::read_to_string(&path).unwrap();
     let values = "0.0300000000,0.0100000000,0.0300000000,0.0101000000,0.0300000000,0.000200000000";
-    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
-    for (cells, expected) in [
+    let cases = [
         (
             "0.03,,0.03,0.01,0.03,0.1",
             "column truth_second_contact_x_m: found `0.03`, expected both coordinates or neither",
@@ -227,12 +233,8 @@ fn robust_an_invalid_second_contact_is_one_error_with_its_place() {
             "column truth_second_surface_x_m: found `1e4`, expected a number of at most 1000",
         ),
         ("0.03,0.01,0.03,0.01,0.03", "row: found 24 fields, expected 25 fields"),
-    ] {
-        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
-        let found = error(&path);
-        let place = format!(".csv:{line}: {expected}");
-        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
-    }
+    ];
+    check_places(&path, &text, values, &cases);
 }
 
 /// A golden trace with the displacement of an object that gives way, also while the whisker is free, and the path of its table.
@@ -263,19 +265,14 @@ fn robust_an_invalid_displacement_is_one_error_with_its_place() {
     let (_, path) = with_yielding(folder.path());
     let text = fs::read_to_string(&path).unwrap();
     let values = "-0.0020000000,0.2500000000,0.0002000000";
-    let line = 1 + text.lines().position(|row| row.ends_with(values)).unwrap();
-    for (cells, expected) in [
+    let cases = [
         ("-0.002,0.25,-0.0002", "column truth_indentation_m: found `-0.0002`, expected an indentation of at least 0"),
         ("-0.002,nan,0.0002", "column truth_object_yaw_rad: found `nan`, expected a finite number"),
         ("-1001,0.25,0.0002", "column truth_object_y_m: found `-1001`, expected a number of at most 1000"),
         ("-0.002,0.25", "row: found 22 fields, expected 23 fields"),
-    ] {
-        fs::write(&path, text.replacen(values, cells, 1)).unwrap();
-        let found = error(&path);
-        let place = format!(".csv:{line}: {expected}");
-        assert!(found.contains(&place) && found.lines().count() == 1, "{place}: {found}");
-    }
-    let row = text.lines().nth(line - 1).unwrap();
+    ];
+    check_places(&path, &text, values, &cases);
+    let row = text.lines().find(|row| row.ends_with(values)).unwrap();
     fs::write(&path, text.replacen(row, &row.replacen(values, ",0.25,0.0002", 1), 1)).unwrap();
     let found = error(&path);
     assert!(found.contains("expected the displacement of the object in every row"), "{found}");
