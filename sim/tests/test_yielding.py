@@ -1,5 +1,8 @@
 """Objects that stand freely or have an elastic surface, against Coulomb's law, Hooke's law and the elastica."""
 
+import json
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ SLOW = {"kind": "lateral_sweep", "contact_arc_m": 0.05, "stroke_m": 0.006, "stro
 ELLIPSE = {"shape": "ellipse", "semi_x_m": 0.02, "semi_y_m": 0.01, "yaw_rad": 0.7}
 L = {"shape": "l", "x_m": 0.016, "y_m": 0.012, "thickness_m": 0.006}
 SLIDING_M_S = 1e-3
+SUITES = Path(__file__).parents[2] / "scenes/suites"
 
 
 def certified(run, simulated):
@@ -160,3 +164,16 @@ def test_verif_scenes_are_read_as_written(make_run):
     scene = make_run(object_stand={"mass_kg": 0.002}, object_stiffness_n_m=20).scene
     assert msgspec.convert(msgspec.to_builtins(scene), Scene) == scene
     assert scene.stand.friction == 0.5
+
+
+def objects_of(suite):
+    """What is touched in the trials of a suite, and how, without the whisker."""
+    entries = [json.loads((SUITES / entry["scene"]).read_text()) for entry in json.loads((SUITES / suite).read_text())["scenes"]]
+    keys = ("object", "object_stand", "object_stiffness_n_m")
+    return [tuple(json.dumps(scene.get(key)) for key in keys) for scene in entries if scene["role"] == "trial"]
+
+
+def test_verif_settings_and_reports_use_different_objects():
+    training, reported = objects_of("yielding_training.json"), objects_of("yielding.json")
+    assert (len(training), len(reported)) == (18, 32)
+    assert set(training).isdisjoint(reported)

@@ -310,8 +310,30 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         for one in &mut self.hypotheses {
             one.log_weight += (1.0 - share).ln();
         }
-        let added = Self::new(parts).hypotheses.into_iter();
-        self.hypotheses.extend(added.map(|one| Hypothesis { log_weight: one.log_weight + share.ln(), ..one }));
+        let first = self.hypotheses.len();
+        let hypothesis = |(belief, log_weight)| Hypothesis { belief, log_weight, log_evidence: None };
+        self.hypotheses.extend(parts.into_iter().map(hypothesis));
+        let added = &mut self.hypotheses[first..];
+        normalise(added);
+        added.iter_mut().for_each(|one| one.log_weight += share.ln());
+    }
+
+    /// Splits hypotheses whose weight is at least `least` and for which `branch` returns another belief, which takes the returned share
+    /// of the weight, between 0 and 1 exclusive; until there are `most` hypotheses. A belief that is not finite is left out.
+    pub fn split(&mut self, least: f64, most: usize, mut branch: impl FnMut(&Part) -> Option<(Part, f64)>) {
+        for i in 0..self.hypotheses.len() {
+            if self.hypotheses.len() >= most {
+                return;
+            }
+            let one = &mut self.hypotheses[i];
+            if one.weight() < least {
+                continue;
+            }
+            let Some((belief, share)) = branch(&one.belief).filter(|(belief, _)| belief.is_finite()) else { continue };
+            let log_weight = one.log_weight + share.ln();
+            one.log_weight += (-share).ln_1p();
+            self.hypotheses.push(Hypothesis { belief, log_weight, log_evidence: None });
+        }
     }
 
     /// Most probable hypothesis. `None` if the mixture is empty.
@@ -321,11 +343,16 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
 
     /// Normalises the weights.
     fn normalise(&mut self) {
-        let heaviest = self.hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
-        let total: f64 = self.hypotheses.iter().map(|hypothesis| (hypothesis.log_weight - heaviest).exp()).sum();
-        for hypothesis in &mut self.hypotheses {
-            hypothesis.log_weight -= heaviest + total.ln();
-        }
+        normalise(&mut self.hypotheses);
+    }
+}
+
+/// Normalises the weights.
+fn normalise<Part>(hypotheses: &mut [Hypothesis<Part>]) {
+    let heaviest = hypotheses.iter().map(|hypothesis| hypothesis.log_weight).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = hypotheses.iter().map(|hypothesis| (hypothesis.log_weight - heaviest).exp()).sum();
+    for hypothesis in hypotheses {
+        hypothesis.log_weight -= heaviest + total.ln();
     }
 }
 
@@ -348,6 +375,23 @@ mod tests {
                 let found = bank.shapes[0].least_loss(&bank.shapes[1], most);
                 assert!(found == least || found == f64::INFINITY && least >= most, "{apart} {most}: {found} {least}");
             }
+        }
+    }
+
+    #[test]
+    fn verif_a_split_keeps_the_probability_together() {
+        let at = |x: f64| Gaussian::new(vector![x], matrix![1.0]);
+        let mut bank = Bank::new([(at(0.0), 0.9_f64.ln()), (at(1.0), 0.06_f64.ln()), (at(2.0), 0.04_f64.ln())]);
+        let branch = |belief: &Gaussian<1>| Some((at(belief.mean[0] + 5.0), 0.25));
+        let mut limited = bank.clone();
+        limited.split(0.0, 4, branch);
+        assert_eq!(limited.hypotheses().len(), 4);
+        bank.split(0.05, 100, branch);
+        let found: Vec<_> = bank.hypotheses().iter().map(|one| (one.belief.mean[0], one.weight())).collect();
+        let expected = [(0.0, 0.675), (1.0, 0.045), (2.0, 0.04), (5.0, 0.225), (6.0, 0.015)];
+        assert_eq!(found.len(), expected.len());
+        for ((place, weight), (expected_place, expected_weight)) in found.iter().zip(expected) {
+            assert!(*place == expected_place && (weight - expected_weight).abs() < 1e-12, "{found:?}");
         }
     }
 

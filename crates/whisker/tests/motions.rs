@@ -107,7 +107,7 @@ fn robust_invalid_candidates_are_named() {
 fn robust_a_motion_without_effect_is_refused() {
     let knowledge = knowledge(NOISE_N_M);
     let average = estimators::estimator("recommended").unwrap();
-    for name in ["rubbing", "drifting", "installed"] {
+    for name in ["rubbing", "drifting", "installed", "pushed"] {
         let row = estimators::estimator(name).unwrap();
         assert!((row.defaults)()["filter"].get("motion").is_none(), "{name}");
         for motion in motions() {

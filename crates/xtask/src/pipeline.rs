@@ -132,9 +132,9 @@ impl Evaluations {
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &inputs[..], &options[..]].concat()))
     }
 
-    /// The recommended estimator on a suite, for a number of seeds of the measurement noise: `results/<suite>/`.
-    pub(crate) fn recommended(self, suite: &str, seeds: u32) -> Outcome {
-        let options = ["--estimators", "recommended", "--seeds", &seeds.to_string()];
+    /// Estimators on a suite, for a number of seeds of the measurement noise: `results/<suite>/`.
+    pub(crate) fn seeded(self, suite: &str, estimators: &str, seeds: u32) -> Outcome {
+        let options = ["--estimators", estimators, "--seeds", &seeds.to_string()];
         step("evaluate", || self.run(&[&[suite_file(suite).as_str()], &options[..]].concat()))
     }
 

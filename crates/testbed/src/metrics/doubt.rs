@@ -1,5 +1,8 @@
 //! The signal that an estimator's models contradict the readings ([`whisker::estimators::Estimate::model_doubtful`]).
 
+use nalgebra::Vector2;
+use trace::YieldingTruth;
+
 use super::{Metric, Scored, Summary};
 use crate::statistics::{CHI2_2_95, mean};
 
@@ -17,10 +20,14 @@ pub const DOUBTED: Metric = Metric {
 /// Time until the signal.
 pub const DOUBT_TIME: Metric = Metric {
     name: "doubt_time_s",
-    about: "time from the touch until the readings first contradict the models that the estimator averages; mean over \
-        the trials in which they do",
+    about: "time from the touch, or from the instant at which the object has been displaced by 0.3 mm, until the readings contradict the \
+        models that the estimator averages; mean over the trials in which they do",
     summary: Summary::Mean,
-    measure: |scored| doubt_time_s(signals(scored)),
+    measure: |scored| {
+        let since_s = displaced_s(scored).unwrap_or(0.0);
+        let time_s = doubt_time_s(signals(scored).filter(|(t_contact_s, _)| *t_contact_s >= since_s))?;
+        Some(time_s - since_s)
+    },
 };
 
 /// Number of alarms.
@@ -61,6 +68,15 @@ pub const MISLEADING: Metric = Metric {
         }))
     },
 };
+
+/// Time since the touch at which an object that gives way has been displaced by [`WRONG_M`]: until then the estimate of a fixed object is
+/// accurate. `None` if it has not.
+fn displaced_s(scored: &Scored<'_>) -> Option<f64> {
+    let truths = &scored.trial.trace.truth.instants;
+    let is_displaced = |given: &YieldingTruth| Vector2::from(given.moved_m).norm() > WRONG_M;
+    let first = scored.contacts.iter().find(|contact| truths[contact.row].yielding.as_ref().is_some_and(is_displaced));
+    first.map(|contact| contact.t_contact_s)
+}
 
 /// Times since the touch of the estimates by averaged models, and whether they are in doubt.
 fn signals(scored: &Scored<'_>) -> impl Iterator<Item = (f64, bool)> {

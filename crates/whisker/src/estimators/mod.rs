@@ -25,6 +25,7 @@ mod odds;
 mod outline;
 mod paper;
 mod particle;
+mod pushed;
 mod quantities;
 mod regained;
 mod rubbing;
@@ -97,8 +98,8 @@ pub struct Estimate {
     pub installation: Option<Installation>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
-    /// Whether the readings contradict the models of the method, so that its covariance may be too small. Always `false`
-    /// for methods that average no models.
+    /// Whether the readings contradict the models of the method, so that its covariance may be too small, or the object moves. Always
+    /// `false` for methods that average no models.
     pub model_doubtful: bool,
     /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants. Always
     /// `false` for methods that average no models.
@@ -715,7 +716,8 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",
         about: "Bayesian average of `ukf` (thin object), `round` and `sliding` (constant radius), `outline` (any \
-            convex outline), `rubbing` (friction), `drifting` (moving object) and `installed` (inexact calibration)",
+            convex outline), `rubbing` (friction), `drifting` (moving object) and `installed` (inexact calibration); or \
+            `pushed`, once it is evident that the object is pushed along",
         class: MethodClass::Recursive,
         sensor_model: None,
         defaults: defaults::<model_averaging::Config>,
@@ -760,6 +762,14 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
         sensor_model: None,
         defaults: defaults::<drifting::Config>,
         build: drifting::build,
+    },
+    EstimatorRow {
+        name: "pushed",
+        about: "`round` for an object that stands freely on a table and is pushed along; the contact does not jump",
+        class: MethodClass::Recursive,
+        sensor_model: None,
+        defaults: defaults::<pushed::Config>,
+        build: pushed::build,
     },
     EstimatorRow {
         name: "ekf",

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::Knowledge;
 use crate::elastica::{Circle, Elastica, Load, Touch};
 use crate::frames::{Base, Pose, World};
+use crate::rest::direction;
 use crate::sensor::{self, Face, FitData};
 use crate::{Curvature, Whisker};
 
@@ -93,4 +94,31 @@ pub(crate) fn swept(
         found.push((touch(ratio), ratio));
     }
     found
+}
+
+/// Quasi-static contacts without friction on a circle on the left that stands freely, for successive poses of the base; with its
+/// displacement. It moves against the force on the whisker by as much as keeps the force at the limit.
+pub(crate) fn pushed(
+    elastica: &Elastica,
+    circle: &Circle,
+    limit_n: f64,
+    bases: impl IntoIterator<Item = Pose<Base, World>>,
+) -> Vec<(Touch, f64)> {
+    let mut center = circle.center;
+    let push = |base: Pose<Base, World>| {
+        let touch = |center| elastica.against(&Circle { center, ..*circle }, &base, Face::Left).unwrap().unwrap();
+        let pressed = touch(center);
+        if pressed.force_n > limit_n {
+            let along = -direction(base.yaw_rad() + pressed.normal_rad);
+            let (mut low_m, mut high_m) = (0.0, 1e-3);
+            for _ in 0..30 {
+                let middle_m = 0.5 * (low_m + high_m);
+                let is_above = touch(center.shifted(along * middle_m)).force_n > limit_n;
+                if is_above { low_m = middle_m } else { high_m = middle_m }
+            }
+            center = center.shifted(along * high_m);
+        }
+        (touch(center), center.distance(&circle.center))
+    };
+    bases.into_iter().map(push).collect()
 }

@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     kept::keep(SPACE, &["space_run.json", "space_summary.csv", "space_times.csv"])?;
     pipeline::simulate(RANDOM_SPACE)?;
     pipeline::fit(RANDOM_SPACE)?;
-    evaluations.recommended(RANDOM_SPACE, RANDOM_SPACE_SEEDS)?;
+    evaluations.seeded(RANDOM_SPACE, "recommended", RANDOM_SPACE_SEEDS)?;
     if Path::new(CLONE).is_dir() {
         real::measure(evaluations, CLONE)?;
     }

@@ -93,6 +93,12 @@ impl<Filter: GaussianFilter> AnyMotion for Filtering<Filter> {
 /// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
 const CONTINUED_SHARE: f64 = 0.99;
 
+/// Smallest probability of a hypothesis beside which another one of its motion begins.
+const LEAST_DEPARTING: f64 = 0.01;
+
+/// Number of hypotheses from which on no other one begins. A touch begins with more.
+const MOST_DEPARTING: usize = 64;
+
 /// Relative standard deviation of the moment by the wire's inertia.
 const INERTIA_SD: f64 = 0.3;
 
@@ -136,6 +142,8 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// Whether the whole belief has moved beyond the end of the loaded whisker during this touch: the tip itself rests on the
     /// object, at a place that the belief does not describe.
     is_past_tip: bool,
+    /// Magnitude of the largest expected reading of this touch so far.
+    reached_n_m: f64,
     /// Belief at the last estimate.
     stated: Option<Gaussian<N>>,
 }
@@ -165,6 +173,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             continues: false,
             was_on_side: false,
             is_past_tip: false,
+            reached_n_m: 0.0,
             stated: None,
         }
     }
@@ -301,6 +310,7 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
                 self.leave();
                 bank.add(self.elsewhere(sample, &predicted), self.config.search.share);
             }
+            self.depart(&mut bank);
         }
         // The sensitivities are those of one hypothesis; those of another begin as at a touch.
         if let (Some(followed), Some(most)) = (followed, bank.most_probable())
@@ -314,6 +324,20 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             self.keep();
         }
         Some(Advance { predicted, filtered, innovation })
+    }
+
+    /// Adds the hypotheses of the motion that begin as the expected reading increases.
+    fn depart(&mut self, bank: &mut Bank<N>) {
+        let (Some(rise), Some(most)) = (self.motion.rise(), bank.most_probable()) else { return };
+        let expected_n_m = self.side.reading_n_m(AlongAway::of_state(&most.belief.mean)).abs();
+        if expected_n_m < self.reached_n_m * (1.0 + rise) {
+            return;
+        }
+        let reached_n_m = std::mem::replace(&mut self.reached_n_m, expected_n_m);
+        if reached_n_m > 0.0 {
+            let step = (expected_n_m / reached_n_m).ln();
+            bank.split(LEAST_DEPARTING, MOST_DEPARTING, |belief| self.motion.departure(&self.side, belief, step));
+        }
     }
 
     /// Part of the reading that is caused by the inertia of the wire.
@@ -368,7 +392,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
     }
 
     fn look_ahead(&self, sample: &Sample) -> Ahead {
-        self.stated.map_or_else(Ahead::default, |belief| self.look_ahead_from(&belief, sample))
+        let most = self.bank.as_ref().and_then(Bank::most_probable).map(|most| most.belief);
+        // The mean of a mixture of objects that slide and objects that rest does neither.
+        let belief = self.stated.and_then(|stated| if self.motion.rise().is_some() { most } else { Some(stated) });
+        belief.map_or_else(Ahead::default, |belief| self.look_ahead_from(&belief, sample))
     }
 
     fn step_mean(&mut self, sample: &Sample, count: f64) -> Option<Estimate> {
@@ -433,6 +460,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         // The belief kept from before the tip does describe the object.
         self.was_on_side = false;
         self.is_past_tip = false;
+        // The next touch may be one of another object, or at another place.
+        self.reached_n_m = 0.0;
         self.inertia = Inertia::new(&self.side.whisker);
         true
     }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::alternative::AlternativeSettings;
 use crate::candidates::check;
 use crate::doubt::DoubtSettings;
 use crate::estimators::block::BlockSettings;
@@ -67,6 +68,9 @@ pub(in crate::estimators) struct Config {
     pub second: SecondSettings,
     /// Blocks of samples of which the candidates take the mean.
     pub block: BlockSettings,
+    /// A further method, whose estimates take the place of the average once the evidence for it is decisive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alternative: Option<AlternativeSettings>,
 }
 
 impl Default for Config {
@@ -107,6 +111,7 @@ impl Default for Config {
             evidence_power: 0.5,
             considered_power: 0.01,
             second: SecondSettings::default(),
+            alternative: Some(AlternativeSettings::default()),
             ..average
         }
     }
@@ -135,6 +140,7 @@ impl Config {
             doubt: DoubtSettings::default(),
             second: SecondSettings::NONE,
             block: BlockSettings::default(),
+            alternative: None,
         }
     }
 }
@@ -151,6 +157,7 @@ impl Settings for Config {
         self.doubt.validate()?;
         self.second.validate()?;
         self.block.validate()?;
+        self.alternative.as_ref().map_or(Ok(()), AlternativeSettings::validate)?;
         within("sojourn_s", self.sojourn_s, 1e-3..=1e9)?;
         within("ignored_share", self.ignored_share, 0.0..=0.5)?;
         within("farthest_m", self.farthest_m, 0.0..=1.0)

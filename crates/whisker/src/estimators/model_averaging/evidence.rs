@@ -6,6 +6,7 @@ use filters::{Innovation, robust};
 
 use super::AveragingTracker;
 use crate::estimators::{Estimate, Sample, Tracker};
+use crate::frames::{Base, Point};
 
 /// Smallest factor of the innovation covariances in the evidence, so that after nearly exact readings one of ordinary size does not
 /// decide between candidates.
@@ -54,7 +55,7 @@ impl AveragingTracker {
     }
 
     /// Factor of the covariances of innovations in the evidence.
-    fn noise_factor(&self) -> f64 {
+    pub(super) fn noise_factor(&self) -> f64 {
         self.doubtful.mean_nis().clamp(LEAST_FACTOR, 1.0)
     }
 
@@ -103,15 +104,20 @@ impl AveragingTracker {
     /// the mean of `count` readings. The rest is the sensor model's error. It recurs at the same place and varies slowly along the
     /// whisker, as the effect of a motion does, so that many readings with it count as one.
     fn discounted(&self, evidence: &[Option<f64>], count: f64) -> Vec<Option<f64>> {
-        let Some(contact) = self.stated.map(|stated| stated.contact) else { return evidence.to_vec() };
-        let noise_n2_m2 = self.noise_n2_m2 / count;
-        let share = noise_n2_m2 / (noise_n2_m2 + self.face.model_variance_n2_m2(contact));
+        let Some(stated) = self.stated else { return evidence.to_vec() };
+        let share = self.noise_share(count, stated.contact);
         let mean = self.mean_evidence(evidence);
         let discounted = evidence.iter().zip(&self.trackers).map(|(log, tracker)| {
             let log = (*log)?;
             Some(if tracker.assumes_motion() { mean + share * (log - mean) } else { log })
         });
         discounted.collect()
+    }
+
+    /// The noise's share of the variance of the mean of `count` readings of a contact.
+    pub(super) fn noise_share(&self, count: f64, contact: Point<Base>) -> f64 {
+        let noise_n2_m2 = self.noise_n2_m2 / count;
+        noise_n2_m2 / (noise_n2_m2 + self.face.model_variance_n2_m2(contact))
     }
 
     /// Whether readings can tell a moving object from one at rest: whether the more probable candidates at rest have their contacts

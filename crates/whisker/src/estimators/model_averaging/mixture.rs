@@ -5,7 +5,6 @@ use nalgebra::{Matrix1, Matrix2, Vector1, Vector2};
 
 use super::AveragingTracker;
 use crate::candidates::LEAST_KNOWN;
-use crate::estimators::shares::ModelShares;
 use crate::estimators::{Estimate, FrictionCoefficient, Radius, Velocity};
 
 /// A candidate's estimate in the mixture.
@@ -88,7 +87,7 @@ impl AveragingTracker {
             velocity,
             installation,
             innovation,
-            models: Some(ModelShares::new(self.names().zip(shares.iter().copied()))),
+            models: Some(self.shares()),
             model_doubtful: false,
             second_contact: false,
             ..*leading

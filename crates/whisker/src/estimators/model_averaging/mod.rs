@@ -22,8 +22,10 @@
 //! readings that reject the others.
 //!
 //! The settings are those of [`config`]. At each sample the candidates are updated ([`onset`]), weighted by their [`evidence`], and
-//! combined to the estimate ([`mixture`]) and the outline ([`outline`]); then the sample is tested for a [`second_contact`].
+//! combined to the estimate ([`mixture`]) and the outline ([`outline`]); then the sample is tested for a [`second_contact`]. An
+//! [`alternative`] may take the place of the average.
 
+mod alternative;
 mod config;
 mod evidence;
 mod mixture;
@@ -35,10 +37,12 @@ mod tests;
 
 use std::sync::Arc;
 
+use filters::Innovation;
 use filters::imm::Modes;
 use nalgebra::{Matrix2, Vector2};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
+use self::alternative::{Alternative, Weighed};
 use self::config::Candidate;
 pub(super) use self::config::Config;
 use self::evidence::signals_motion;
@@ -46,28 +50,29 @@ use super::block::{BlockMean, Blocks, Latecomers};
 use super::second::Second;
 use super::touched::TouchedPlaces;
 use super::{
-    Ahead, ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, OutlinePoint, Sample, Touch, Tracker,
-    Undetected, estimator,
+    Ahead, ESTIMATORS, Estimate, EstimatorRow, Knowledge, Method, MethodClass, ModelShares, OutlinePoint, Sample,
+    Touch, Tracker, Undetected, estimator,
 };
-use crate::candidates::{refused, unknown};
+use crate::candidates::{CANDIDATES, refused, unknown};
 use crate::doubt::Doubtful;
 use crate::elastica::Elastica;
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
 use crate::settings::{SettingsError, parse, with_defaults, within};
 
-/// The registry's row of a candidate, which must not average itself and must smooth if and only if `looks_back`.
-fn row_of(name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
-    let row = estimator(name).ok_or_else(|| unknown(name, ESTIMATORS.iter().map(|row| row.name)))?;
+/// The registry's row of a method named at a key of the settings, which must not average itself and must smooth if and only if
+/// `looks_back`.
+fn row_of(key: &str, name: &str, looks_back: bool) -> Result<&'static EstimatorRow, SettingsError> {
+    let row = estimator(name).ok_or_else(|| unknown(key, name, ESTIMATORS.iter().map(|row| row.name)))?;
     if (row.defaults)().get("candidates").is_some() {
-        return Err(refused(name, "a model average itself, expected a single method"));
+        return Err(refused(key, name, "a model average itself, expected a single method"));
     }
     if row.sensor_model.is_some() {
-        return Err(refused(name, "bound to its own sensor model, expected a method that uses the calibration's"));
+        return Err(refused(key, name, "bound to its own sensor model, expected a method that uses the calibration's"));
     }
     match (row.class == MethodClass::Hindsight, looks_back) {
-        (true, false) => Err(refused(name, "a hindsight method, expected a recursive one")),
-        (false, true) => Err(refused(name, "a recursive method, expected a hindsight one")),
+        (true, false) => Err(refused(key, name, "a hindsight method, expected a recursive one")),
+        (false, true) => Err(refused(key, name, "a recursive method, expected a hindsight one")),
         _ => Ok(row),
     }
 }
@@ -86,19 +91,27 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
     };
     // Revised estimates are those of single samples.
     within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
+    if config.alternative.is_some() {
+        return Err(SettingsError::Parse(
+            "`alternative`: found a method, expected none for estimates in hindsight".into(),
+        ));
+    }
     build(config, knowledge, true)
 }
 
 fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
-    let candidate = |candidate: &Candidate| {
-        let row = row_of(&candidate.name, looks_back)?;
-        let settings = with_defaults(&candidate.settings, (row.defaults)());
-        Ok((row.name, (row.build)(&settings, knowledge)?))
+    let method = |key: &str, name: &str, own: &Map<String, Value>| {
+        let row = row_of(key, name, looks_back)?;
+        Ok((row.name, (row.build)(&with_defaults(own, (row.defaults)()), knowledge)?))
     };
-    let methods = config.candidates.iter().map(candidate).collect::<Result<_, SettingsError>>()?;
+    let methods = config.candidates.iter().map(|Candidate { name, settings, .. }| method(CANDIDATES, name, settings));
+    let methods = methods.collect::<Result<_, SettingsError>>()?;
+    let alternative =
+        config.alternative.as_ref().map(|alternative| method("alternative", &alternative.name, &alternative.settings));
+    let alternative = alternative.transpose()?.map(|(_, method)| Arc::from(method));
     let noise_n2_m2 = knowledge.noise_sd_n_m.powi(2);
     let elastica = Elastica::new(&knowledge.whisker).ok().map(Arc::new);
-    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, noise_n2_m2, elastica }))
+    Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, alternative, noise_n2_m2, elastica }))
 }
 
 /// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
@@ -110,6 +123,7 @@ type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 struct ModelAveraging {
     config: Arc<Config>,
     methods: Methods,
+    alternative: Option<Arc<dyn Method>>,
     noise_n2_m2: f64,
     /// `None` if the parameters of the whisker are not valid.
     elastica: Option<Arc<Elastica>>,
@@ -118,6 +132,7 @@ struct ModelAveraging {
 impl Method for ModelAveraging {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let weights: Vec<f64> = self.config.candidates.iter().map(|candidate| candidate.weight).collect();
+        let settings = self.config.alternative.as_ref();
         Box::new(AveragingTracker {
             config: self.config.clone(),
             considered: self.config.candidates.iter().map(|candidate| candidate.considered).collect(),
@@ -125,6 +140,9 @@ impl Method for ModelAveraging {
             noise_n2_m2: self.noise_n2_m2,
             methods: self.methods.clone(),
             trackers: self.methods.iter().map(|(_, method)| method.begin(touch)).collect(),
+            alternative: settings
+                .zip(self.alternative.as_ref())
+                .map(|(settings, method)| Alternative::new(settings, self.config.gate_sds, method, touch)),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
             signals_motion: false,
@@ -153,6 +171,7 @@ struct AveragingTracker {
     weights: Vec<f64>,
     methods: Methods,
     trackers: Vec<Box<dyn Tracker>>,
+    alternative: Option<Alternative>,
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
@@ -181,6 +200,11 @@ impl AveragingTracker {
         self.methods.iter().map(|(name, _)| *name)
     }
 
+    /// Probabilities of the candidates.
+    fn shares(&self) -> ModelShares {
+        ModelShares::new(self.names().zip(self.right.probabilities().iter().copied()))
+    }
+
     /// Begins a new touch at the present sample: the contact may be the last one or another, anywhere along the whisker.
     fn begin_again(&mut self) {
         let face = self.face.clone();
@@ -199,6 +223,9 @@ impl AveragingTracker {
     /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object at rest
     /// and the object probably moves.
     fn begin_again_with(&mut self, touch: &Touch<'_>) {
+        if let Some(alternative) = &mut self.alternative {
+            alternative.begin_again(touch);
+        }
         let moves = self.moving_share() > LIKELY_MOVING_SHARE;
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
             let may_resume = tracker.assumes_motion() || !moves;
@@ -210,6 +237,9 @@ impl AveragingTracker {
 
     /// Predicts a sample, with the motion and the time from the last block's mean to it, by the leading candidate.
     fn look_ahead(&self, since: &Sample) -> Ahead {
+        if let Some(ahead) = self.alternative.as_ref().and_then(|alternative| alternative.look_ahead(since)) {
+            return ahead;
+        }
         let candidates = self.right.probabilities().iter().zip(&self.considered).zip(&self.trackers);
         let leading = candidates.filter(|((_, considered), _)| !**considered);
         leading
@@ -250,17 +280,54 @@ impl AveragingTracker {
         if innovation.is_some() && self.shows_motion(&estimates) {
             self.signals_motion = signals_motion(self.signals_motion, self.moving_share());
         }
-        let model_doubtful = self.doubtful.is_raised() || self.signals_motion;
         let together = self.together(&estimates, innovation).map(|estimate| self.with_systematic(estimate, &estimates));
-        let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
-        let second_contact = self.second.is_raised();
-        if is_second && self.config.second.begins_touch {
-            self.begin_again();
-        }
+        let is_led = self.try_alternative(sample, count, innovation, together.as_ref());
+        let model_doubtful = self.doubtful.is_raised() || self.signals_motion || is_led;
+        let (together, second_contact) = if is_led {
+            // The places that were touched before are those of the candidates' object.
+            self.touched.forget();
+            let stated = self.alternative.as_ref().and_then(Alternative::stated);
+            (stated.map(|stated| Estimate { models: Some(self.shares()), ..stated }), false)
+        } else {
+            let is_second = self.seek_second(sample.dt_s, count, &estimates, together.as_ref());
+            let is_raised = self.second.is_raised();
+            if is_second && self.config.second.begins_touch {
+                self.begin_again();
+            }
+            (together, is_raised)
+        };
         let stated = self.near_the_domain(Estimate { model_doubtful, second_contact, ..together? })?;
         let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
         self.last = stated.covariance_m2.map(in_start).or(self.last);
         Some(stated)
+    }
+
+    /// Whether the alternative leads.
+    fn is_led(&self) -> bool {
+        self.alternative.as_ref().is_some_and(Alternative::leads)
+    }
+
+    /// Weighs the alternative against the average with this innovation and estimate. Returns whether it leads.
+    fn try_alternative(
+        &mut self,
+        sample: &Sample,
+        count: f64,
+        innovation: Option<Innovation<1>>,
+        average: Option<&Estimate>,
+    ) -> bool {
+        let stated = self.stated.or_else(|| self.alternative.as_ref()?.stated());
+        let share = stated.map_or(0.0, |stated| self.noise_share(count, stated.contact));
+        let weighed = Weighed {
+            sample: *sample,
+            count,
+            innovation,
+            contact: average.map(|average| average.contact),
+            noise_factor: self.noise_factor(),
+            power: self.config.evidence_power * share,
+        };
+        let Some(alternative) = &mut self.alternative else { return false };
+        alternative.take(weighed);
+        alternative.leads()
     }
 }
 
@@ -285,6 +352,9 @@ impl Tracker for AveragingTracker {
         }
         let Some(block) = self.blocks.take(&settings, &self.base, sample) else {
             self.trackers.iter_mut().for_each(|tracker| tracker.work());
+            if let Some(alternative) = &mut self.alternative {
+                alternative.catch_up();
+            }
             // The innovation is that of the block.
             return self.carried(&since, ahead.slip_m).map(|estimate| Estimate { innovation: None, ..estimate });
         };
@@ -310,6 +380,10 @@ impl Tracker for AveragingTracker {
         let undetected = Undetected { free_s: undetected.free_s + self.blocks.pending_s(), ..*undetected };
         let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.expect_touch(&undetected)).collect();
         self.continues = false;
+        if let Some(alternative) = self.alternative.as_mut().filter(|alternative| alternative.leads()) {
+            let estimate = alternative.expect_touch(&undetected)?;
+            return self.near_the_domain(Estimate { model_doubtful: true, models: Some(self.shares()), ..estimate });
+        }
         if self.moving_share() > LIKELY_MOVING_SHARE {
             return None;
         }
@@ -343,8 +417,9 @@ impl Tracker for AveragingTracker {
         true
     }
 
+    /// None while the alternative leads: the candidates' outline is one of another object.
     fn outline(&self) -> Option<Vec<OutlinePoint>> {
-        self.mixture_outline()
+        if self.is_led() { None } else { self.mixture_outline() }
     }
 
     fn outline_leads(&self) -> bool {

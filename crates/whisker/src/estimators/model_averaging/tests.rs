@@ -22,6 +22,7 @@ fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
         weights: shares.to_vec(),
         methods: Arc::new([]),
         trackers: Vec::new(),
+        alternative: None,
         right: Modes::new(shares),
         doubtful: Doubtful::default(),
         signals_motion: false,

@@ -1,16 +1,19 @@
 //! Models of the contact's motion while the base moves, one file per model. The filters of `gaussian/` and `particle.rs` choose
-//! between the rows of [`MotionSettings`]; `rubbing`, `drifting` and `installed` are methods of their own.
+//! between the rows of [`MotionSettings`]; `rubbing`, `drifting`, `pushed` and
+//! `installed` are methods of their own.
 //!
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 
 mod drifting;
 mod installed;
+mod pushed;
 mod resting;
 mod round;
 mod rubbing;
 
 pub(super) use drifting::Drifting;
 pub(super) use installed::Installed;
+pub(super) use pushed::Pushed;
 pub(super) use resting::Resting;
 pub(super) use round::Round;
 pub(super) use rubbing::Rubbing;
@@ -50,6 +53,18 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// The estimate of a belief in Base, from that in the frame of the state.
     fn place(&self, _side: &Side, _belief: &Gaussian<N>, estimate: Estimate) -> Estimate {
         estimate
+    }
+
+    /// Relative increase of the expected reading with which hypotheses begin that differ from then on ([`Motion::departure`]). `None`
+    /// without such hypotheses.
+    fn rise(&self) -> Option<f64> {
+        None
+    }
+
+    /// A hypothesis that differs from now on from one with this belief, and its share of the probability, if the logarithm of the
+    /// largest expected reading has increased by `step`. `None` if there is none.
+    fn departure(&self, _side: &Side, _belief: &Gaussian<N>, _step: f64) -> Option<(Gaussian<N>, f64)> {
+        None
     }
 
     /// The process of the step to a sample.

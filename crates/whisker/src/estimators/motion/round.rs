@@ -214,7 +214,7 @@ impl Motion<4> for Round {
 }
 
 /// Unit vector from a contact to the centre of the object, and the direction of the whisker there, if it has turned by `turn_rad`.
-fn inward_and_ahead(side: &Side, along_m: f64, turn_rad: f64) -> (Vector2<f64>, Vector2<f64>) {
+pub(super) fn inward_and_ahead(side: &Side, along_m: f64, turn_rad: f64) -> (Vector2<f64>, Vector2<f64>) {
     let ahead = direction(side.face.rest.tangent_rad(along_m) + turn_rad);
     (vector![-ahead.y, ahead.x] * -side.face.face.away_sign(), ahead)
 }
@@ -293,7 +293,7 @@ impl Tangency {
 
 impl Wandering<'_> {
     /// Tangency of the whisker and an object of radius `rho` at a contact.
-    fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
+    pub(super) fn tangency(&self, place: &Vector2<f64>, radius_m: f64) -> Tangency {
         Tangency::new(self.side, place, radius_m, self.side.turn_rad(AlongAway::of_state(place)))
     }
 

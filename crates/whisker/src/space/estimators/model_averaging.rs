@@ -16,7 +16,7 @@ use serde_json::{Map, Value};
 
 use super::follower::Tracker;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
-use crate::candidates::{LEAST_KNOWN, check, refused, unknown};
+use crate::candidates::{CANDIDATES, LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
 use crate::estimators::{MOST_MODELS, ModelShares};
 use crate::settings::{Settings, SettingsError, with_defaults, within};
@@ -106,9 +106,13 @@ impl ModelAveraging {
     pub(super) fn new(config: Config) -> Result<Self, SettingsError> {
         let method = |candidate: &Candidate| {
             let row = spatial_estimator(&candidate.name)
-                .ok_or_else(|| unknown(&candidate.name, SPATIAL_ESTIMATORS.iter().map(|row| row.name)))?;
+                .ok_or_else(|| unknown(CANDIDATES, &candidate.name, SPATIAL_ESTIMATORS.iter().map(|row| row.name)))?;
             if !matches!(row.kind, Kind::Fit(_)) {
-                return Err(refused(&candidate.name, "a method without evidence for its model, expected a fit"));
+                return Err(refused(
+                    CANDIDATES,
+                    &candidate.name,
+                    "a method without evidence for its model, expected a fit",
+                ));
             }
             Ok((row.name, row.kind.method(&with_defaults(&candidate.settings, row.defaults()))?))
         };

@@ -1,0 +1,155 @@
+//! Extended Kalman filter for an object that stands freely and is pushed along.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::doubt::Search;
+use super::extended::Extended;
+use super::gaussian::{self, Follower};
+use super::motion::Pushed;
+use super::{Knowledge, Method, Touch, Tracker};
+use crate::settings::{Settings, SettingsError, parse};
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Config {
+    /// The filter.
+    #[serde(with = "gaussian::without_motion")]
+    filter: gaussian::Config<Extended>,
+    /// Object and friction limit.
+    object: Pushed,
+}
+
+impl Default for Config {
+    /// Innovations are large while the object begins to slide, and a contact that jumped would explain them too: none is searched.
+    /// Hypotheses are merged later than by `round`, because one of an object at rest and one of an object that slides have nothing
+    /// in common.
+    fn default() -> Self {
+        let still = gaussian::Config { search: Search::NONE, return_rate: 0.0, ..gaussian::Config::round() };
+        let filter = gaussian::Config { prune_share: 3e-4, merge_loss: 3e-3, ..still };
+        Self { filter, object: Pushed::default() }
+    }
+}
+
+impl Settings for Config {
+    fn validate(&self) -> Result<(), SettingsError> {
+        self.filter.validate()?;
+        self.object.validate()
+    }
+}
+
+struct OfPushed {
+    config: Config,
+    knowledge: Arc<Knowledge>,
+}
+
+pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    Ok(Box::new(OfPushed { config: parse(config)?, knowledge: knowledge.clone() }))
+}
+
+impl Method for OfPushed {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let Config { filter, object } = self.config;
+        Box::new(Follower::new(filter, object.beyond_pin(touch.face), touch, &self.knowledge))
+    }
+
+    fn is_of_fixed_size(&self) -> bool {
+        !self.config.filter.search.is_on()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64;
+
+    use crate::elastica::{Circle, Elastica};
+    use crate::estimators::testing::{knowledge_of, pushed};
+    use crate::estimators::{Knowledge, Runner, Sample, estimator};
+    use crate::frames::{Base, Point, Pose, World};
+    use crate::sensor::Face;
+
+    const STEP_S: f64 = 0.004;
+    const STEPS: u32 = 750;
+
+    /// The base presses by 10 mm until three quarters of the steps, and goes back by half.
+    fn base(step: u32) -> Pose<Base, World> {
+        let phase = std::f64::consts::TAU * f64::from(step) / f64::from(STEPS) / 1.5;
+        Pose::new(0.0, 5e-3 * (1.0 - phase.cos()), 0.0)
+    }
+
+    /// Estimates of a press against a circle that slides above a force.
+    struct Pressed {
+        /// Largest error in the second half, and the largest one of an estimate without doubt.
+        worst_m: f64,
+        silent_m: f64,
+        /// Whether the models are in doubt at the end.
+        is_doubtful: bool,
+        /// Displacement of the circle.
+        moved_m: f64,
+    }
+
+    /// Presses along the first `STEPS` poses of a path, and then rests for `held` steps.
+    fn pressed(name: &str, curvature_per_m: f64, radius_m: f64, limit_n: f64, held: u32) -> Pressed {
+        let knowledge = Arc::new(Knowledge { noise_sd_n_m: 2e-7, ..knowledge_of(curvature_per_m) });
+        let middle = knowledge.rest.beside(0.055, radius_m - 0.1e-3);
+        let circle = Circle { center: Point::from_vector(middle.vector()), radius_m };
+        let elastica = Elastica::new(&knowledge.whisker).unwrap();
+        let last_step = if held > 0 { 3 * STEPS / 4 } else { STEPS - 1 };
+        let at = |step: u32| base(step.min(last_step));
+        let touches = pushed(&elastica, &circle, limit_n, (0..=last_step + held).map(at));
+        let row = estimator(name).unwrap();
+        let mut runner = Runner::new((row.build)(&(row.defaults)(), &knowledge).unwrap(), knowledge.clone(), 1);
+        let mut noise = Pcg64::seed_from_u64(1);
+        let moved_m = touches.last().unwrap().1;
+        let mut found = Pressed { worst_m: 0.0, silent_m: 0.0, is_doubtful: false, moved_m };
+        for (step, (touch, _)) in (0..).zip(&touches) {
+            let drawn: f64 = StandardNormal.sample(&mut noise);
+            let motion = at(if step == 0 { 0 } else { step - 1 }).then(&at(step).inverse());
+            let reading_n_m = touch.deflection.moment_n_m + knowledge.noise_sd_n_m * drawn;
+            let Some(estimate) = runner.step(&Sample { motion, dt_s: STEP_S, reading_n_m }, Some(Face::Left)) else {
+                continue;
+            };
+            if step >= STEPS / 2 {
+                let error_m = estimate.contact.distance(&touch.deflection.point);
+                found.worst_m = found.worst_m.max(error_m);
+                found.silent_m = found.silent_m.max(if estimate.model_doubtful { 0.0 } else { error_m });
+            }
+            found.is_doubtful = estimate.model_doubtful;
+        }
+        found
+    }
+
+    #[test]
+    fn val_an_object_that_is_pushed_is_followed() {
+        for (curvature_per_m, radius_m) in [(0.0, 0.5e-3), (12.5, 0.5e-3), (12.5, 10e-3)] {
+            for name in ["pushed", "recommended"] {
+                let Pressed { worst_m, is_doubtful, moved_m, .. } = pressed(name, curvature_per_m, radius_m, 0.4e-3, 0);
+                assert!(moved_m > 2e-3, "{moved_m}");
+                assert!(worst_m < 0.3e-3, "{name} {curvature_per_m} {radius_m}: {worst_m}");
+                assert_eq!(is_doubtful, name == "recommended", "{curvature_per_m} {radius_m}");
+            }
+        }
+    }
+
+    /// While the base rests, the readings do not tell an object that was pushed from a fixed one at another place.
+    #[test]
+    fn verif_a_pushed_object_is_remembered_while_the_base_rests() {
+        let Pressed { worst_m, silent_m, is_doubtful, .. } = pressed("recommended", 12.5, 0.5e-3, 0.4e-3, 2000);
+        assert!(worst_m < 0.3e-3 && silent_m < 0.3e-3 && is_doubtful, "{worst_m} {silent_m}");
+    }
+
+    #[test]
+    fn verif_an_object_that_rests_raises_no_doubt() {
+        for curvature_per_m in [0.0, 12.5] {
+            let Pressed { worst_m, is_doubtful, moved_m, .. } = pressed("recommended", curvature_per_m, 0.5e-3, 1.0, 0);
+            assert!(worst_m < 0.2e-3 && !is_doubtful && moved_m == 0.0, "{curvature_per_m}: {worst_m}");
+        }
+    }
+}
