@@ -318,8 +318,9 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         added.iter_mut().for_each(|one| one.log_weight += share.ln());
     }
 
-    /// Splits hypotheses whose weight is at least `least` and for which `branch` returns another belief, which takes the returned share
-    /// of the weight, between 0 and 1 exclusive; until there are `most` hypotheses. A belief that is not finite is left out.
+    /// Splits each hypothesis whose weight is at least `least` and for which `branch` returns a new belief and a share: a
+    /// hypothesis with the new belief takes this share of the weight. The share must be greater than 0 and less than 1. Stops once
+    /// there are `most` hypotheses. A hypothesis whose new belief is not finite is not split.
     pub fn split(&mut self, least: f64, most: usize, mut branch: impl FnMut(&Part) -> Option<(Part, f64)>) {
         for i in 0..self.hypotheses.len() {
             if self.hypotheses.len() >= most {

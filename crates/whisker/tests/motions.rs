@@ -100,6 +100,20 @@ fn robust_invalid_candidates_are_named() {
         let error = (row.build)(&json!({ "candidates": candidates }), &knowledge).err().expect(expected).to_string();
         assert!(error.contains(expected), "{error}");
     }
+    for (average, alternative, expected) in [
+        ("recommended", json!({"name": "ekfs"}), "`alternative`: `ekfs` is unknown, expected one of: recommended, "),
+        ("recommended", json!({"name": "batch"}), "`alternative`: `batch` is a hindsight method"),
+        ("recommended", json!({"log_odds": 0.0}), "`alternative.log_odds`"),
+        ("batch-recommended", json!({}), "`alternative`: found a method, expected none"),
+    ] {
+        let row = estimators::estimator(average).unwrap();
+        let error = (row.build)(&json!({ "alternative": alternative }), &knowledge).err().expect(expected).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    for average in ["recommended", "batch-recommended"] {
+        let row = estimators::estimator(average).unwrap();
+        assert!((row.build)(&json!({ "alternative": null }), &knowledge).is_ok(), "{average}");
+    }
 }
 
 /// The motion is that of the method, so that one of the filter would have no effect.

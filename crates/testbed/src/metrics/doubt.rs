@@ -69,8 +69,8 @@ pub const MISLEADING: Metric = Metric {
     },
 };
 
-/// Time since the touch at which an object that gives way has been displaced by [`WRONG_M`]: until then the estimate of a fixed object is
-/// accurate. `None` if it has not.
+/// Time since the touch at which the displacement of an object that gives way first exceeds [`WRONG_M`]; until then, an estimate
+/// that assumes a fixed object can be accurate. `None` if it never does.
 fn displaced_s(scored: &Scored<'_>) -> Option<f64> {
     let truths = &scored.trial.trace.truth.instants;
     let is_displaced = |given: &YieldingTruth| Vector2::from(given.moved_m).norm() > WRONG_M;

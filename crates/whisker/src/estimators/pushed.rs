@@ -24,12 +24,10 @@ pub(super) struct Config {
 }
 
 impl Default for Config {
-    /// Innovations are large while the object begins to slide, and a contact that jumped would explain them too: none is searched.
-    /// Hypotheses are merged later than by `round`, because one of an object at rest and one of an object that slides have nothing
-    /// in common.
+    /// Innovations are large while the object begins to slide. A jump of the contact would explain them too; the filter therefore
+    /// does not search for one.
     fn default() -> Self {
-        let still = gaussian::Config { search: Search::NONE, return_rate: 0.0, ..gaussian::Config::round() };
-        let filter = gaussian::Config { prune_share: 3e-4, merge_loss: 3e-3, ..still };
+        let filter = gaussian::Config { search: Search::NONE, return_rate: 0.0, ..gaussian::Config::round() };
         Self { filter, object: Pushed::default() }
     }
 }
@@ -78,7 +76,7 @@ mod tests {
     const STEP_S: f64 = 0.004;
     const STEPS: u32 = 750;
 
-    /// The base presses by 10 mm until three quarters of the steps, and goes back by half.
+    /// The base presses by 10 mm during the first three quarters of the steps, and then moves back by a quarter of that.
     fn base(step: u32) -> Pose<Base, World> {
         let phase = std::f64::consts::TAU * f64::from(step) / f64::from(STEPS) / 1.5;
         Pose::new(0.0, 5e-3 * (1.0 - phase.cos()), 0.0)
@@ -95,7 +93,8 @@ mod tests {
         moved_m: f64,
     }
 
-    /// Presses along the first `STEPS` poses of a path, and then rests for `held` steps.
+    /// Presses along the `STEPS` poses of [`base`]. If `held` is not zero, stops at the deepest pose and rests there for `held`
+    /// steps.
     fn pressed(name: &str, curvature_per_m: f64, radius_m: f64, limit_n: f64, held: u32) -> Pressed {
         let knowledge = Arc::new(Knowledge { noise_sd_n_m: 2e-7, ..knowledge_of(curvature_per_m) });
         let middle = knowledge.rest.beside(0.055, radius_m - 0.1e-3);

@@ -93,10 +93,10 @@ impl<Filter: GaussianFilter> AnyMotion for Filtering<Filter> {
 /// Probability that a touch is one of the same object if the readings showed a contact with that object before it was detected.
 const CONTINUED_SHARE: f64 = 0.99;
 
-/// Smallest probability of a hypothesis beside which another one of its motion begins.
+/// Smallest probability of a hypothesis that is split ([`Motion::departure`]).
 const LEAST_DEPARTING: f64 = 0.01;
 
-/// Number of hypotheses from which on no other one begins. A touch begins with more.
+/// Number of hypotheses at or above which none is split. A touch may begin with more.
 const MOST_DEPARTING: usize = 64;
 
 /// Relative standard deviation of the moment by the wire's inertia.
@@ -142,7 +142,7 @@ pub(super) struct Follower<Filter, Model, const N: usize> {
     /// Whether the whole belief has moved beyond the end of the loaded whisker during this touch: the tip itself rests on the
     /// object, at a place that the belief does not describe.
     is_past_tip: bool,
-    /// Magnitude of the largest expected reading of this touch so far.
+    /// Magnitude of the expected reading from which the next [`Motion::rise`] counts. 0 before the first reading of a touch.
     reached_n_m: f64,
     /// Belief at the last estimate.
     stated: Option<Gaussian<N>>,

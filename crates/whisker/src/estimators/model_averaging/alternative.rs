@@ -1,10 +1,11 @@
 //! A further method, whose estimates take the place of the average once the evidence for it is decisive.
 //!
-//! It is one for objects that few scenes have, and would cost as much as another candidate. It therefore sleeps, and the means of
-//! blocks that it has not taken are kept. A reading that surprises the candidates wakes it; it then takes the kept blocks, a few at
-//! a time, until it has caught up. Its evidence against the average is a cumulative sum of the logarithms of likelihood ratios,
-//! kept from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954): a change of the object, such as the
-//! onset of sliding, counts from its beginning. Until the sum exceeds a threshold, the method has no effect.
+//! It describes objects that few scenes contain, and would cost as much as another candidate. It therefore sleeps at first; the
+//! means of the blocks that it has not taken are kept. A block that surprises the average wakes it; it then takes the kept blocks,
+//! a few at a time, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood ratios, kept
+//! from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for the average
+//! does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates are stated,
+//! from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -27,14 +28,14 @@ pub(in crate::estimators) struct AlternativeSettings {
     /// Settings that differ from its default ones.
     #[serde(skip_serializing_if = "Map::is_empty")]
     pub settings: Map<String, Value>,
-    /// Logarithm of the likelihood ratio to the average, with the power of the candidates, above which its estimates are stated.
+    /// Cumulative sum of the log-likelihood ratios to the average, with the power of the candidates, above which the method leads.
     pub log_odds: f64,
     /// Largest increase and decrease of the sum per second, so that a jump of the contact, which surprises the candidates for some
-    /// blocks, is no decisive evidence.
+    /// blocks, is not decisive.
     pub most_per_s: f64,
-    /// Part of the increase per second that does not count.
+    /// Amount subtracted from the sum per second, except while the method leads and its contact differs from that of the average.
     pub drift_per_s: f64,
-    /// Normalised innovation squared of the average, of one block, that wakes it.
+    /// Normalised innovation squared of the average in one block, above which the method wakes.
     pub wake_nis: f64,
 }
 
@@ -58,18 +59,18 @@ impl AlternativeSettings {
     }
 }
 
-/// Largest number of kept blocks. If there are more, the oldest ones are taken.
+/// Largest number of kept blocks. Beyond it, the method takes the oldest one with each new one, even while it sleeps.
 const MOST_KEPT: usize = 256;
 
-/// Number of blocks that the method takes with a new one until it has caught up, and of its first blocks, which it takes one by
-/// one: it then has many hypotheses.
+/// Number of kept blocks that the method takes with each new one until it has caught up; and number of first blocks, which it takes
+/// one at a time, because it then has many hypotheses.
 const CATCH_UP: usize = 4;
 const FIRST: usize = 10;
 
 /// Time without evidence after which the method sleeps again.
 const REST_S: f64 = 1.0;
 
-/// Largest cumulative sum, over the threshold: how long the method leads after the evidence has turned against it.
+/// Largest cumulative sum as a multiple of the threshold. Limits how long the method leads once the evidence has turned against it.
 const LARGEST_SHARE: f64 = 2.0;
 
 /// Distance between the estimates of the method and the average below which it does not matter which of them is stated.

@@ -84,6 +84,10 @@ pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Res
 
 /// Averages methods that smooth over the whole contact.
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    if config.get(ALTERNATIVE).is_some_and(|alternative| !alternative.is_null()) {
+        let why = "found a method, expected none for estimates in hindsight";
+        return Err(SettingsError::Parse(format!("`{ALTERNATIVE}`: {why}")));
+    }
     // Settings that are not given are those of hindsight.
     let config = match config.as_object() {
         Some(own) => parse::<Config>(&with_defaults(own, super::to_json(&Config::hindsight())))?,
@@ -91,13 +95,11 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
     };
     // Revised estimates are those of single samples.
     within("block.samples", f64::from(config.block.samples), 1.0..=1.0)?;
-    if config.alternative.is_some() {
-        return Err(SettingsError::Parse(
-            "`alternative`: found a method, expected none for estimates in hindsight".into(),
-        ));
-    }
-    build(config, knowledge, true)
+    build(Config { alternative: None, ..config }, knowledge, true)
 }
+
+/// Key of the settings of the alternative.
+const ALTERNATIVE: &str = "alternative";
 
 fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result<Box<dyn Method>, SettingsError> {
     let method = |key: &str, name: &str, own: &Map<String, Value>| {
@@ -107,7 +109,7 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     let methods = config.candidates.iter().map(|Candidate { name, settings, .. }| method(CANDIDATES, name, settings));
     let methods = methods.collect::<Result<_, SettingsError>>()?;
     let alternative =
-        config.alternative.as_ref().map(|alternative| method("alternative", &alternative.name, &alternative.settings));
+        config.alternative.as_ref().map(|alternative| method(ALTERNATIVE, &alternative.name, &alternative.settings));
     let alternative = alternative.transpose()?.map(|(_, method)| Arc::from(method));
     let noise_n2_m2 = knowledge.noise_sd_n_m.powi(2);
     let elastica = Elastica::new(&knowledge.whisker).ok().map(Arc::new);

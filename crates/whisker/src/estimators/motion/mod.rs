@@ -55,14 +55,13 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
         estimate
     }
 
-    /// Relative increase of the expected reading with which hypotheses begin that differ from then on ([`Motion::departure`]). `None`
-    /// without such hypotheses.
+    /// Relative increase of the expected reading after which hypotheses are split ([`Motion::departure`]). `None` if none ever is.
     fn rise(&self) -> Option<f64> {
         None
     }
 
-    /// A hypothesis that differs from now on from one with this belief, and its share of the probability, if the logarithm of the
-    /// largest expected reading has increased by `step`. `None` if there is none.
+    /// The belief that is split off from this one, and its share of the probability. `step` is the increase of the logarithm of the
+    /// expected reading since the last split. `None` if this belief is not split.
     fn departure(&self, _side: &Side, _belief: &Gaussian<N>, _step: f64) -> Option<(Gaussian<N>, f64)> {
         None
     }

@@ -32,10 +32,10 @@ const LAST_STEP_M: f64 = 1e-7;
 /// is below the limit, the object rests (Coulomb's law). When a step would make it larger, the object moves along the force by as
 /// much as keeps it at the limit.
 ///
-/// The limit is known once the object slides. Its prior is log-uniform: whenever the expected reading exceeds the largest one so
-/// far by the factor `1 + reading_step`, a hypothesis begins, beside each one of an object that has not slid, whose limit is the
-/// present force ([`Motion::departure`]). The first reading of a touch begins none: an object that slides from then on has no
-/// hypothesis.
+/// The limit is observable only once the object slides. Its prior is log-uniform: whenever the expected reading has risen by the
+/// factor `1 + reading_step` since the last split of this touch, each hypothesis of an object that has not slid is split, and the
+/// new hypothesis has the present force as its limit ([`Motion::departure`]). The first reading of a touch splits none, so that no
+/// hypothesis describes an object that slides from the first instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(in crate::estimators) struct Pushed {
@@ -52,8 +52,9 @@ pub(in crate::estimators) struct Pushed {
 }
 
 impl Default for Pushed {
-    /// Thin objects are not favoured, so that the covariance contains the error of an unknown size. The limit varies by the inertia
-    /// of the object, which accelerates and slows down. The values were chosen on the suite `yielding_training`.
+    /// Thin objects are not favoured, so that the covariance contains the error due to the unknown size. The random walk of the
+    /// limit stands for the inertia of the object, which accelerates and decelerates. The values were chosen on the suite
+    /// `yielding_training`.
     fn default() -> Self {
         let mut object = Round::of_any_scale();
         object.thin_log_odds = 0.0;
@@ -179,8 +180,8 @@ impl Push<'_> {
         self.object.side
     }
 
-    /// The contact after the object was pushed, if the force at the one without it exceeds the limit: the centre has moved from
-    /// `middle_m` along the force, which is at the limit. `None` if the object rests.
+    /// The contact after the push, if the force on an object that stayed at rest would exceed the limit: the centre has moved from
+    /// `middle_m` along the force, which is now at the limit. `None` if the object rests or no such contact is found.
     fn pushed(&self, at_rest: &Vector2<f64>, middle_m: &Vector2<f64>, radius_m: f64, limit: f64) -> Option<Sliding> {
         if !has_slid(limit) {
             return None;
