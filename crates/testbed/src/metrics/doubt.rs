@@ -23,11 +23,7 @@ pub const DOUBT_TIME: Metric = Metric {
     about: "time from the touch, or from the instant at which the object has been displaced by 0.3 mm, until the readings contradict the \
         models that the estimator averages; mean over the trials in which they do",
     summary: Summary::Mean,
-    measure: |scored| {
-        let since_s = displaced_s(scored).unwrap_or(0.0);
-        let time_s = doubt_time_s(signals(scored).filter(|(t_contact_s, _)| *t_contact_s >= since_s))?;
-        Some(time_s - since_s)
-    },
+    measure: |scored| doubt_after_s(signals(scored), displaced_s(scored).unwrap_or(0.0)),
 };
 
 /// Number of alarms.
@@ -94,4 +90,21 @@ pub(crate) fn doubted(signals: impl Iterator<Item = (f64, bool)>) -> Option<f64>
 /// Time since the touch of the first signal that is raised.
 pub(crate) fn doubt_time_s(mut signals: impl Iterator<Item = (f64, bool)>) -> Option<f64> {
     signals.find(|(_, is_doubtful)| *is_doubtful).map(|(t_contact_s, _)| t_contact_s)
+}
+
+/// Time from an instant until the signal is raised. Zero if it is raised then.
+fn doubt_after_s(signals: impl Iterator<Item = (f64, bool)>, since_s: f64) -> Option<f64> {
+    doubt_time_s(signals.filter(|(t_contact_s, _)| *t_contact_s >= since_s)).map(|t_contact_s| t_contact_s - since_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_time_counts_from_the_displacement() {
+        let signals = [(0.0, false), (1.0, true), (2.0, true), (3.0, false), (4.0, true)];
+        let found = [0.0, 1.0, 1.5, 2.5, 4.5].map(|since_s| doubt_after_s(signals.into_iter(), since_s));
+        assert_eq!(found, [Some(1.0), Some(0.0), Some(0.5), Some(1.5), None]);
+    }
 }
