@@ -76,6 +76,9 @@ const LARGEST_SHARE: f64 = 2.0;
 /// Distance between the estimates of the method and the average below which it does not matter which of them is stated.
 const AGREEING_M: f64 = 0.3e-3;
 
+/// Speed of the base at the contact below which all readings tell a method that leads from the average no better than one of them.
+const RESTING_M_S: f64 = 1e-4;
+
 /// Mean of a block of samples with what the average made of it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Weighed {
@@ -221,6 +224,10 @@ impl Alternative {
             return if self.leads { -most } else { 0.0 };
         };
         let Some(own) = stated.innovation else { return 0.0 };
+        let way_m = weighed.sample.motion.apply(stated.contact).distance(&stated.contact);
+        if self.leads && way_m < RESTING_M_S * dt_s {
+            return 0.0;
+        }
         let [own, of_average] = [own, of_average]
             .map(|innovation| robust::log_likelihood(&innovation.scaled(weighed.noise_factor), self.gate_sds));
         // Without evidence either way, a method that leads does so until the average agrees with it.
@@ -274,7 +281,7 @@ mod tests {
 
     /// A block with this reading, of which the average predicts zero.
     fn weighed(sds: f64) -> Weighed {
-        let sample = Sample { motion: Pose::new(0.0, 0.0, 0.0), dt_s: 0.01, reading_n_m: sds * NOISE_N2_M2.sqrt() };
+        let sample = Sample { motion: Pose::new(1e-3, 0.0, 0.0), dt_s: 0.01, reading_n_m: sds * NOISE_N2_M2.sqrt() };
         Weighed { sample, count: 1.0, innovation: found(sds), contact: None, noise_factor: 1.0, power: 1.0 }
     }
 
@@ -366,6 +373,16 @@ mod tests {
             let contact = Some(Point::new(0.05, 1e-4));
             (0..100).for_each(|_| alternative.take(Weighed { contact, ..weighed(0.5) }));
             assert!(!alternative.leads());
+        });
+    }
+
+    #[test]
+    fn verif_while_the_base_rests_readings_are_no_evidence_against_it() {
+        with_alternative(0.0, |alternative, _, _| {
+            (0..20).for_each(|_| alternative.take(weighed(3.0)));
+            let sample = Sample { motion: Pose::new(0.0, 0.0, 0.0), ..weighed(-1.0).sample };
+            (0..1000).for_each(|_| alternative.take(Weighed { sample, ..weighed(-1.0) }));
+            assert!(alternative.leads());
         });
     }
 
