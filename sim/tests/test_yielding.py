@@ -167,7 +167,7 @@ def test_verif_scenes_are_read_as_written(make_run):
 
 
 def objects_of(suite):
-    """What is touched in the trials of a suite, and how, without the whisker."""
+    """Shape, stand and stiffness of the object of each trial of a suite, as JSON."""
     entries = [json.loads((SUITES / entry["scene"]).read_text()) for entry in json.loads((SUITES / suite).read_text())["scenes"]]
     keys = ("object", "object_stand", "object_stiffness_n_m")
     return [tuple(json.dumps(scene.get(key)) for key in keys) for scene in entries if scene["role"] == "trial"]

@@ -63,15 +63,9 @@ impl Method for OfPushed {
 mod tests {
     use std::sync::Arc;
 
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
-    use rand_pcg::Pcg64;
-
     use crate::elastica::{Circle, Elastica};
-    use crate::estimators::testing::{knowledge_of, pushed};
-    use crate::estimators::{Runner, Sample, estimator};
+    use crate::estimators::testing::{followed, knowledge_of, pushed};
     use crate::frames::{Base, Point, Pose, World};
-    use crate::sensor::Face;
 
     const STEP_S: f64 = 0.004;
     const STEPS: u32 = 750;
@@ -112,19 +106,11 @@ mod tests {
         let touches = pushed(&elastica, &circle, limit_n, (0..(last_step + held) as usize).map(at));
         let displaced = touches.iter().position(|(_, moved_m)| *moved_m > 0.3e-3);
         let since = displaced.map_or(STEPS as usize / 2, |step| step + DELAY);
-        let row = estimator(name).unwrap();
-        let mut runner = Runner::new((row.build)(&(row.defaults)(), &knowledge).unwrap(), knowledge.clone(), 1);
-        let mut noise = Pcg64::seed_from_u64(1);
+        let steps = (0..).map(at).zip(touches.iter().map(|(touch, _)| touch.deflection.moment_n_m));
+        let estimates = followed(name, &knowledge, STEP_S, steps, 1);
         let moved_m = touches.last().unwrap().1;
         let mut found = Pressed { rmse_m: 0.0, silent_m: 0.0, is_doubtful: false, moved_m };
-        for (step, (touch, _)) in touches.iter().enumerate() {
-            let drawn: f64 = StandardNormal.sample(&mut noise);
-            let motion = at(step.saturating_sub(1)).then(&at(step).inverse());
-            let reading_n_m = touch.deflection.moment_n_m + knowledge.noise_sd_n_m * drawn;
-            let estimate = runner.step(&Sample { motion, dt_s: STEP_S, reading_n_m }, Some(Face::Left));
-            if step < since {
-                continue;
-            }
+        for (step, ((touch, _), estimate)) in touches.iter().zip(estimates).enumerate().skip(since) {
             let Some(estimate) = estimate else { panic!("{name}: no estimate at step {step}") };
             let error_m = estimate.contact.distance(&touch.deflection.point);
             found.rmse_m += error_m.powi(2);

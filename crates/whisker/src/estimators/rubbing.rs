@@ -59,16 +59,11 @@ impl Method for OfRubbing {
 
 #[cfg(test)]
 mod tests {
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
-    use rand_pcg::Pcg64;
-
     use super::*;
     use crate::elastica::{Circle, Elastica};
-    use crate::estimators::testing::{knowledge_of, swept};
-    use crate::estimators::{Estimate, Runner, Sample};
+    use crate::estimators::Estimate;
+    use crate::estimators::testing::{followed, knowledge_of, swept};
     use crate::frames::{Base, Point, Pose, World};
-    use crate::sensor::Face;
 
     const STEP_S: f64 = 0.004;
     const STEPS: u32 = 1500;
@@ -88,24 +83,17 @@ mod tests {
         let circle = Circle { center: Point::from_vector(middle.vector()), radius_m };
         let elastica = Elastica::new(&knowledge.whisker).unwrap();
         let touches = swept(&elastica, &circle, coefficient, (0..STEPS).map(base));
-        let followed = |seed: &u64| {
-            let mut noise = Pcg64::seed_from_u64(*seed);
-            let method = build(&serde_json::to_value(Config::default()).unwrap(), &knowledge).unwrap();
-            let mut runner = Runner::new(method, knowledge.clone(), 1);
-            let (mut last, mut squares) = (None, 0.0);
-            for (step, (touch, _)) in (0..).zip(&touches) {
-                let drawn: f64 = StandardNormal.sample(&mut noise);
-                let motion = base(if step == 0 { 0 } else { step - 1 }).then(&base(step).inverse());
-                let reading_n_m = touch.deflection.moment_n_m + knowledge.noise_sd_n_m * drawn;
-                let estimate = runner.step(&Sample { motion, dt_s: STEP_S, reading_n_m }, Some(Face::Left));
-                last = estimate.or(last);
-                if step >= STEPS / 2 {
-                    squares += estimate.unwrap().contact.distance(&touch.deflection.point).powi(2);
-                }
+        let error_of = |seed: &u64| {
+            let steps = (0..).map(base).zip(touches.iter().map(|(touch, _)| touch.deflection.moment_n_m));
+            let estimates = followed("rubbing", &knowledge, STEP_S, steps, *seed);
+            let mut squares = 0.0;
+            for ((touch, _), estimate) in touches.iter().zip(&estimates).skip(STEPS as usize / 2) {
+                squares += estimate.unwrap().contact.distance(&touch.deflection.point).powi(2);
             }
+            let last = estimates.into_iter().flatten().last();
             (last.unwrap(), (2.0 * squares / f64::from(STEPS)).sqrt())
         };
-        seeds.iter().map(followed).collect()
+        seeds.iter().map(error_of).collect()
     }
 
     #[test]

@@ -2,7 +2,11 @@
 
 use std::sync::Arc;
 
-use super::Knowledge;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+use super::{Estimate, Knowledge, Runner, Sample, estimator};
 use crate::elastica::{Circle, Elastica, Load, Touch};
 use crate::frames::{Base, Pose, World};
 use crate::rest::direction;
@@ -121,4 +125,26 @@ pub(crate) fn pushed(
         (touch(center), center.distance(&circle.center))
     };
     bases.into_iter().map(push).collect()
+}
+
+/// Estimates of a registered estimator with its default settings along contacts on the left face, with noise of the sensor from this
+/// seed. Each step has the pose of the base and the moment at the root.
+pub(crate) fn followed(
+    name: &str,
+    knowledge: &Arc<Knowledge>,
+    dt_s: f64,
+    steps: impl IntoIterator<Item = (Pose<Base, World>, f64)>,
+    seed: u64,
+) -> Vec<Option<Estimate>> {
+    let row = estimator(name).unwrap();
+    let mut runner = Runner::new((row.build)(&(row.defaults)(), knowledge).unwrap(), knowledge.clone(), 1);
+    let mut noise = Pcg64::seed_from_u64(seed);
+    let mut last = None;
+    let follow = |(base, moment_n_m): (Pose<Base, World>, f64)| {
+        let drawn: f64 = StandardNormal.sample(&mut noise);
+        let motion = last.replace(base).unwrap_or(base).then(&base.inverse());
+        let reading_n_m = moment_n_m + knowledge.noise_sd_n_m * drawn;
+        runner.step(&Sample { motion, dt_s, reading_n_m }, Some(Face::Left))
+    };
+    steps.into_iter().map(follow).collect()
 }

@@ -1,6 +1,5 @@
 //! Models of the contact's motion while the base moves, one file per model. The filters of `gaussian/` and `particle.rs` choose
-//! between the rows of [`MotionSettings`]; `rubbing`, `drifting`, `pushed` and
-//! `installed` are methods of their own.
+//! between the rows of [`MotionSettings`]; `rubbing`, `drifting`, `pushed` and `installed` are methods of their own.
 //!
 //! The state begins with the contact's coordinates `(s, d)`; a model may append properties of the object.
 

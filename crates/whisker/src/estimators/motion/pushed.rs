@@ -20,6 +20,9 @@ const AT_REST: f64 = 20.0;
 /// Variance of that value, so that covariances are definite.
 const AT_REST_VARIANCE: f64 = 1e-6;
 
+/// Variance that a step without displacement adds to the limit, so that the process noise is definite.
+const LEAST_LIMIT_NOISE: f64 = 1e-12;
+
 /// Largest number of Newton steps for a pushed object, the largest step, and the length of the one that ends them.
 const NEWTON_STEPS: usize = 10;
 const LONGEST_STEP_M: f64 = 5e-3;
@@ -110,7 +113,8 @@ impl Motion<5> for Pushed {
         if has_slid(belief.mean[LIMIT]) {
             return None;
         }
-        let (log_force, gradient) = log_force(side, &belief.mean.fixed_rows::<2>(0).into())?;
+        let at = AlongAway::of_state(&belief.mean);
+        let (log_force, gradient) = log_force(side, at, side.turn_rad(at))?;
         // The limit is the force at the contact, as uncertain as that is and correlated with it.
         let mut sliding = *belief;
         sliding.mean[LIMIT] = log_force;
@@ -137,10 +141,9 @@ fn has_slid(limit: f64) -> bool {
     limit < 0.5 * AT_REST
 }
 
-/// Logarithm of the force (N) of a contact without friction, and its derivatives along and away. `None` if the whisker would pull.
-fn log_force(side: &Side, place: &Vector2<f64>) -> Option<(f64, RowVector2<f64>)> {
-    let at = AlongAway::of_state(place);
-    let (turn_rad, by_place) = side.turn_rad(at);
+/// Logarithm of the force (N) of a contact without friction, and its derivatives along and away, where the whisker has turned by
+/// `turn_rad` with the derivatives `by_place`. `None` if the whisker would pull.
+fn log_force(side: &Side, at: AlongAway, (turn_rad, by_place): (f64, Vector2<f64>)) -> Option<(f64, RowVector2<f64>)> {
     let (inward, ahead) = inward_and_ahead(side, at.along_m, turn_rad);
     let (moment_n_m, slope_n) = side.expect(at);
     let (contact, of_contact) = side.face.contact_with_jacobian(at);
@@ -180,20 +183,19 @@ impl Push<'_> {
         self.object.side
     }
 
-    /// The contact after the push, if the force on an object that stayed at rest would exceed the limit: the centre has moved from
-    /// `middle_m` along the force, which is now at the limit. `None` if the object rests or no such contact is found.
-    fn pushed(&self, at_rest: &Vector2<f64>, middle_m: &Vector2<f64>, radius_m: f64, limit: f64) -> Option<Sliding> {
-        if !has_slid(limit) {
-            return None;
-        }
+    /// The contact after the push, if the force on an object that stayed at rest would exceed the limit: the centre has moved along
+    /// the force, which is now at the limit. `before` is the tangency before the step, `at_rest` the contact after it without a push.
+    /// `None` if the object rests or no such contact is found.
+    fn pushed(&self, before: &Tangency, at_rest: &Vector2<f64>, radius_m: f64, limit: f64) -> Option<Sliding> {
+        let middle_m = product(&self.object.motion.rotation(), &before.middle_m) + self.object.translation();
         let mut place = *at_rest;
-        let (mut log_force, mut slope) = log_force(self.side(), &place)?;
-        if log_force <= limit {
-            return None;
-        }
-        for _ in 0..NEWTON_STEPS {
+        for i in 0..NEWTON_STEPS {
             let at = AlongAway::of_state(&place);
             let turn = self.side().turn_rad(at);
+            let (log_force, slope) = log_force(self.side(), at, turn)?;
+            if i == 0 && log_force <= limit {
+                return None;
+            }
             let (inward, ahead) = inward_and_ahead(self.side(), at.along_m, turn.0);
             let tangency = Tangency::new(self.side(), &place, radius_m, turn);
             let moved_m = tangency.middle_m - middle_m;
@@ -210,7 +212,6 @@ impl Push<'_> {
                 let way_m = inward.dot(&moved_m);
                 return (way_m > 0.0).then_some(Sliding { place, way_m, ahead, inverse });
             }
-            (log_force, slope) = self::log_force(self.side(), &place)?;
         }
         None
     }
@@ -234,15 +235,16 @@ impl Process<5> for Push<'_> {
         let (mut place, of_object, mut object_noise, _) = self.object.linearised_with_middle(&object);
         let mut jacobian = SMatrix::<f64, 5, 5>::identity();
         jacobian.fixed_view_mut::<4, 4>(0, 0).copy_from(&of_object);
-        let mut limit_variance = AT_REST_VARIANCE * 1e-6;
-        let before = self.object.tangency(&object.fixed_rows::<2>(0).into(), x[2]);
-        let turned = self.object.motion.rotation();
-        let middle_m = product(&turned, &before.middle_m) + self.object.translation();
-        if let Some(found) = self.pushed(&place.fixed_rows::<2>(0).into(), &middle_m, x[2], x[LIMIT]) {
-            let Sliding { place: pushed, way_m, ahead, inverse } = found;
+        let mut limit_variance = LEAST_LIMIT_NOISE;
+        let before = has_slid(x[LIMIT]).then(|| self.object.tangency(&object.fixed_rows::<2>(0).into(), x[2]));
+        let at_rest: Vector2<f64> = place.fixed_rows::<2>(0).into();
+        if let Some(before) = before
+            && let Some(Sliding { place: pushed, way_m, ahead, inverse }) =
+                self.pushed(&before, &at_rest, x[2], x[LIMIT])
+        {
             place.fixed_rows_mut::<2>(0).copy_from(&pushed);
             // Derivatives of both conditions by the state before, with the place after held.
-            let across = ahead.transpose() * turned;
+            let across = ahead.transpose() * self.object.motion.rotation();
             let by_place = -(across * before.by_place);
             let by_radius = -(across * before.inward)[0];
             let conditions = SMatrix::<f64, 2, 5>::from_rows(&[
@@ -306,7 +308,8 @@ mod tests {
         for step in [0, 100, 200] {
             let touch = touch(&elastica, start(), step);
             let x = state(&side, &touch, AT_REST);
-            let found = log_force(&side, &x.fixed_rows::<2>(0).into()).unwrap().0;
+            let at = AlongAway::of_state(&x);
+            let found = log_force(&side, at, side.turn_rad(at)).unwrap().0;
             assert!((found - touch.force_n.ln()).abs() < 0.01, "{step}: {} {}", found.exp(), touch.force_n);
         }
     }
