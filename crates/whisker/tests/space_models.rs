@@ -71,7 +71,7 @@ fn all_around() -> Vec<f64> {
 
 fn fitted(whisker: &SpatialWhisker, kind: &str, config: serde_json::Value) -> CalibratedSpace {
     let lines = lines(whisker, &all_around());
-    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
+    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, friction: false };
     sensor::fit(spatial_model(kind).unwrap(), &config, &data).unwrap().calibrated
 }
 
@@ -178,7 +178,7 @@ fn val_directions_are_those_of_the_rod() {
 fn robust_a_calibration_in_one_plane_is_refused() {
     let whisker = &whiskers()[0];
     let lines = lines(whisker, &[0.0, 0.5 * TAU]);
-    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0 };
+    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, friction: false };
     for row in SPATIAL_MODELS {
         let Err(ModelError::Data(reason)) = sensor::fit(row, &(row.defaults)(), &data) else {
             panic!("{}: a planar calibration was accepted", row.kind)

@@ -260,6 +260,11 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
         kind: Kind::Filter(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
+        name: "point-fit",
+        about: "fit of a contact at rest, which friction holds, to all readings",
+        kind: Kind::Fit(MotionSettings::resting),
+    },
+    SpatialEstimatorRow {
         name: "line-fit",
         about: "fit of a thin rod or edge to all readings",
         kind: Kind::Fit(MotionSettings::line),

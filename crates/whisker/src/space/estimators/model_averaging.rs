@@ -39,6 +39,13 @@ struct Candidate {
     settings: Map<String, Value>,
     /// Prior probability, relative to the others.
     weight: f64,
+    /// Whether the candidate counts only where there is friction ([`CalibratedSpace::friction`]).
+    #[serde(default, skip_serializing_if = "is_false")]
+    needs_friction: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// Settings.
@@ -61,24 +68,21 @@ pub(super) struct Config {
 impl Default for Config {
     /// Weights and factor were chosen on random scenes in space that are not reported.
     fn default() -> Self {
-        let candidate = |(name, weight): (&str, f64)| Candidate { name: name.into(), settings: Map::new(), weight };
+        let candidate = |(name, weight): (&str, f64)| Candidate {
+            name: name.into(),
+            settings: Map::new(),
+            weight,
+            needs_friction: name == "point-fit",
+        };
+        let weights =
+            [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 10.0)];
         Self {
-            candidates: [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0)]
-                .map(candidate)
-                .into(),
+            candidates: weights.map(candidate).into(),
             evidence_power: 0.5,
             covariance_factor: 1.5,
             ignored_share: 0.02,
             doubt: DoubtSettings::default(),
         }
-    }
-}
-
-impl Config {
-    /// Prior probabilities of the candidates.
-    fn probabilities(&self) -> Vec<f64> {
-        let total: f64 = self.candidates.iter().map(|candidate| candidate.weight).sum();
-        self.candidates.iter().map(|candidate| candidate.weight / total).collect()
     }
 }
 
@@ -123,11 +127,22 @@ impl ModelAveraging {
 
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        let counts = |candidate: &Candidate| knowledge.calibrated.friction || !candidate.needs_friction;
+        let candidates = self.config.candidates.iter().zip(&self.methods).filter(|(candidate, _)| counts(candidate));
+        let (mut names, mut trackers, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+        for (candidate, (name, method)) in candidates {
+            names.push(*name);
+            trackers.push(method.begin(knowledge));
+            weights.push(candidate.weight);
+        }
+        let total: f64 = weights.iter().sum();
+        let first: Vec<f64> = weights.iter().map(|weight| weight / total).collect();
         Box::new(Average {
-            names: self.methods.iter().map(|(name, _)| *name).collect(),
-            trackers: self.methods.iter().map(|(_, method)| method.begin(knowledge)).collect(),
-            prior: self.config.probabilities(),
-            before: vec![0.0; self.methods.len()],
+            prior: first.clone(),
+            before: vec![0.0; names.len()],
+            names,
+            trackers,
+            first,
             is_free: false,
             doubtful: Doubtful::default(),
             config: self.config.clone(),
@@ -140,6 +155,8 @@ struct Average {
     config: Arc<Config>,
     names: Vec<&'static str>,
     trackers: Vec<Box<dyn Tracker>>,
+    /// Probabilities of the candidates at the first touch.
+    first: Vec<f64>,
     /// Probabilities of the candidates at the touch, and the logarithm of their evidence before it.
     prior: Vec<f64>,
     before: Vec<f64>,
@@ -247,7 +264,7 @@ impl Tracker for Average {
 
     fn release(&mut self, sample: &Sample) {
         if !self.is_free {
-            let both = self.shares().into_iter().zip(self.config.probabilities());
+            let both = self.shares().into_iter().zip(&self.first);
             self.prior = both.map(|(share, prior)| SAME_OBJECT * share + (1.0 - SAME_OBJECT) * prior).collect();
             self.doubtful.resume();
         }
@@ -260,7 +277,7 @@ impl Tracker for Average {
 
     fn forget(&mut self) {
         self.trackers.iter_mut().for_each(|tracker| tracker.forget());
-        self.prior = self.config.probabilities();
+        self.prior.clone_from(&self.first);
         self.before.fill(0.0);
         self.doubtful.resume();
     }

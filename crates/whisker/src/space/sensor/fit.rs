@@ -43,6 +43,8 @@ pub struct SpatialFitData<'a> {
     pub lines: &'a [Vec<SpatialSample>],
     /// Standard deviation of the remaining noise of each reference reading (N m).
     pub reference_noise_sd_n_m: f64,
+    /// Whether contacts may stick to objects by friction.
+    pub friction: bool,
 }
 
 /// Fits the model `row` with `config`.
@@ -102,6 +104,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
         heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
         heldout_worst_n_m: residuals.iter().map(|residual| residual.error_n_m.amax()).fold(0.0, f64::max),
         largest_reading_n_m,
+        friction: data.friction,
         geometry: Default::default(),
     };
     Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })

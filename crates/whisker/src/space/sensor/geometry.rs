@@ -36,14 +36,18 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// The directions over a calibrated domain. `None` if the whisker has no equilibrium somewhere in it.
+    /// The directions over a calibrated domain. Where the nominal whisker has no equilibrium, as at the edge of the domain of a real
+    /// whisker, they are those of the neighbouring contact nearer to the undeflected whisker. `None` if it has none at all.
     pub(super) fn new(whisker: &SpatialWhisker, domain: &SpatialDomain) -> Option<Self> {
         let (rod, rest) = (whisker.rod().ok()?, whisker.whisker.rest_shape());
-        let at_node = |at: Around, near: Option<SpatialLoad>| {
-            let contact = rod.near(at.contact(&rest).vector(), near)?;
+        let at_node = |at: Around, near: Option<(SpatialLoad, SVector<f64, 6>)>| {
+            let Some(contact) = rod.near(at.contact(&rest).vector(), near.map(|(load, _)| load)) else {
+                let (load, values) = near?;
+                return Some((values, (load, values)));
+            };
             let (force, tangent) = (contact.deflection.force_n, contact.deflection.directors.column(0).into_owned());
             let values = SVector::<f64, 6>::from_fn(|i, _| if i < 3 { force[i] } else { tangent[i - 3] });
-            Some((values, contact.load))
+            Some((values, (contact.load, values)))
         };
         Some(Self { table: Table::new(Grid::new(domain), at_node)? })
     }

@@ -198,6 +198,8 @@ pub struct CalibratedSpace {
     pub heldout_worst_n_m: f64,
     /// Largest bending moment of the calibration.
     pub largest_reading_n_m: f64,
+    /// Whether contacts may stick to objects by friction, as those of real sensors. Simulated contacts in space have none.
+    pub friction: bool,
     /// Directions at the contacts, computed on first use.
     pub geometry: OnceGeometry,
 }

@@ -10,7 +10,7 @@ use crate::space::estimators::motion::MotionSettings;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::space::estimators) struct Config {
-    /// Model of the contact's motion. A contact at rest is filtered, not fitted.
+    /// Model of the contact's motion.
     pub(in crate::space::estimators) motion: MotionSettings,
     /// Number of initial hypotheses along the whisker.
     hypotheses: usize,

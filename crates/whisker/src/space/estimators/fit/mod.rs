@@ -368,7 +368,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             // The modes are sorted by weight.
             None => self.modes.first().map(|mode| mode.oscillation_rad_s),
         };
-        if let Some(rad_s) = rad_s {
+        // A contact that sticks does not oscillate.
+        if let Some(rad_s) = rad_s.filter(|rad_s| rad_s.is_finite()) {
             self.ringing.set_frequency(rad_s);
         }
     }

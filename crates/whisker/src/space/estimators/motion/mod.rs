@@ -8,6 +8,7 @@ mod patch;
 mod resting;
 mod rolling;
 mod sphere;
+mod stuck;
 
 use filters::{Gaussian, Process};
 use nalgebra::{Matrix3, SMatrix, SVector};
@@ -24,6 +25,7 @@ pub(super) use rolling::Place;
 
 use patch::Patch;
 use sphere::Sphere;
+use stuck::Stuck;
 
 pub(super) use fitted::Fitted;
 pub(super) use resting::Resting;
@@ -107,10 +109,10 @@ impl MotionSettings {
         }
     }
 
-    /// Begins to fit an object to a touch under this model. A contact at rest is filtered.
+    /// Begins to fit an object to a touch under this model.
     pub(super) fn fit(self, config: &fit::Config, knowledge: &Knowledge) -> Box<dyn Tracker> {
         match self {
-            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(&config.filter(self), model, knowledge)),
+            Self::Resting(model) => Box::new(Fitter::<Stuck, 4>::new(config, Stuck(model), knowledge)),
             Self::Line(model) => Box::new(Fitter::<Line, 6>::new(config, model, knowledge)),
             Self::Sphere(model) => Box::new(Fitter::<Sphere, 5>::new(config, model, knowledge)),
             Self::Patch(model) => Box::new(Fitter::<Patch, 7>::new(config, model, knowledge)),

@@ -17,7 +17,7 @@ use crate::space::sensor::Around;
 #[serde(default, deny_unknown_fields)]
 pub(in crate::space::estimators) struct Resting {
     /// Random walk of the contact in the world along each axis, as the standard deviation after one second.
-    wander_m_sqrt_s: f64,
+    pub(super) wander_m_sqrt_s: f64,
 }
 
 impl Default for Resting {
