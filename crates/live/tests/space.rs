@@ -52,7 +52,7 @@ impl Sweep {
         let knowledge = knowledge(Whisker::straight());
         let whisker = &knowledge.calibrated.whisker;
         let rod = Rod::new(&whisker.whisker, whisker.suspension, whisker.poisson_ratio).unwrap();
-        let place = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
+        let place = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.axis).vector();
         let mut random = Pcg64::seed_from_u64(seed);
         let mut draw = || knowledge.noise_sd_n_m * random.sample::<f64, _>(StandardNormal);
         let (mut instants, mut readings_n_m) = (Vec::new(), Vec::new());

@@ -22,7 +22,7 @@ use trace::{
 };
 use whisker::rod::Rod;
 use whisker::space::frames::Point;
-use whisker::space::sensor::Around;
+use whisker::space::sensor::{Across, Around, Axis};
 
 fn golden() -> SpatialTrace {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space.csv");
@@ -33,10 +33,10 @@ fn golden() -> SpatialTrace {
 fn trace(name: &str, role: Role, rod: &Rod, places: &[Option<Around>]) -> SpatialTrace {
     let mut sidecar = golden().sidecar;
     (sidecar.name, sidecar.role, sidecar.rate_hz) = (name.into(), role, 250.0);
-    let rest = sidecar.whisker.rest_shape();
+    let axis = Axis::new(&sidecar.whisker, Across::Normal);
     let (mut instants, mut truths) = (Vec::new(), Vec::new());
     for (row, place) in places.iter().enumerate() {
-        let contact = place.map(|at| rod.at_point(at.contact(&rest).vector()).unwrap());
+        let contact = place.map(|at| rod.at_point(at.contact(&axis).vector()).unwrap());
         let moment = contact.map_or(Vector3::zeros(), |contact| contact.deflection.moment_n_m);
         instants.push(SpatialInstant {
             t_s: row as f64 / 250.0,
@@ -138,7 +138,7 @@ fn verif_a_calibration_is_read_back_bit_for_bit_and_reused() {
 
     let face = read.calibrated(&first.path, None).unwrap();
     let rod = golden().sidecar.rod().unwrap();
-    let contact = Around::new(0.045, 2e-3, 1.5e-3).contact(&face.rest);
+    let contact = Around::new(0.045, 2e-3, 1.5e-3).contact(&face.axis);
     let expected = rod.at_point(contact.vector()).unwrap().deflection.moment_n_m.yz();
     let found = face.predict(contact).unwrap().reading_n_m;
     assert!((found - expected).norm() < 0.02 * face.largest_reading_n_m);
@@ -209,8 +209,9 @@ fn verif_a_trial_in_space_is_read_by_a_hall_sensor_that_the_fit_calibrates() {
 
     // The readings are the moments about the axes of the springs, up to noise and offset.
     let rod = golden().sidecar.rod().unwrap();
-    let contact =
-        rod.at_point(Around::new(0.045, 2e-3, 1.2e-3).contact(&golden().sidecar.whisker.rest_shape()).vector());
+    let contact = rod.at_point(
+        Around::new(0.045, 2e-3, 1.2e-3).contact(&Axis::new(&golden().sidecar.whisker, Across::Normal)).vector(),
+    );
     let mut moment_n_m = contact.unwrap().deflection.moment_n_m;
     // The trace states no torsion.
     moment_n_m.x = 0.0;
@@ -395,8 +396,8 @@ case \"$line\" in *'\"touched\":true'*) echo '{answer}';; *) echo null;; esac; d
 #[cfg(unix)]
 fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
     let folder = tempfile::tempdir().unwrap();
-    let rest = golden().sidecar.whisker.rest_shape();
-    let contact = Around::new(0.045, 2e-3, 1.2e-3).contact(&rest);
+    let axis = Axis::new(&golden().sidecar.whisker, Across::Normal);
+    let contact = Around::new(0.045, 2e-3, 1.2e-3).contact(&axis);
     let [x, y, z] = contact.vector().into();
     let answer = format!(
         "{{\"contact_x_m\": {x}, \"contact_y_m\": {y}, \"contact_z_m\": {}, \"cov_xx_m2\": 1e-8, \"cov_xy_m2\": 0, \
@@ -424,7 +425,7 @@ fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
     }
     let middle = nodes as usize / 2 + 3;
     let at = Around::new(of("arc_m", middle), of("left_m", middle), of("up_m", middle));
-    let node = at.contact(&face.rest);
+    let node = at.contact(&face.axis);
     assert!((node.vector() - Vector3::new(of("x_m", middle), of("y_m", middle), of("z_m", middle))).norm() < 1e-15);
     let expected = face.model.predict(node);
     assert_eq!(expected.reading_n_m.y, of("moment_z_n_m", middle));

@@ -5,6 +5,9 @@ use nalgebra::Vector2;
 use crate::Curvature;
 use crate::frames::{Base, Point};
 
+/// Length by which the line is continued beyond its ends where a point is sought, relative to its own.
+const CONTINUED: f64 = 0.1;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Piece {
     start_m: f64,
@@ -187,6 +190,45 @@ impl RestShape {
         arc_m
     }
 
+    /// Arc length of the point whose projection on a direction, a unit vector, is `projection_m`. The whisker turns by less than a
+    /// right angle from this direction; beyond its ends the line is continued by up to a tenth of its length.
+    pub fn arc_at_projection(&self, direction: Vector2<f64>, projection_m: f64) -> f64 {
+        let length_m = self.length_m();
+        let (mut low, mut high) = (-CONTINUED * length_m, (1.0 + CONTINUED) * length_m);
+        let close_enough = 4.0 * f64::EPSILON * length_m;
+        let mut arc_m = projection_m.clamp(low, high);
+        for _ in 0..60 {
+            let (point, tangent) = self.frame(arc_m);
+            let missing_m = projection_m - point.dot(&direction);
+            if missing_m > 0.0 {
+                low = arc_m;
+            } else {
+                high = arc_m;
+            }
+            // Newton's method, held between bounds.
+            let step_m = missing_m / tangent.dot(&direction);
+            if step_m.abs() <= close_enough {
+                break;
+            }
+            let next_m = arc_m + step_m;
+            arc_m = if low < next_m && next_m < high { next_m } else { 0.5 * (low + high) };
+        }
+        arc_m
+    }
+
+    /// Whether the whisker turns by less than a right angle from a direction everywhere.
+    pub fn advances_along(&self, direction: Vector2<f64>) -> bool {
+        self.pieces.iter().all(|piece| {
+            let turns_less = (piece.curvature_per_m * piece.length_m).abs() < std::f64::consts::PI;
+            turns_less && [0.0, piece.length_m].iter().all(|end_m| piece.frame(*end_m).1.dot(&direction) > 0.0)
+        })
+    }
+
+    /// Largest curvature of the whisker, in either direction.
+    pub fn largest_curvature_per_m(&self) -> f64 {
+        self.pieces.iter().map(|piece| piece.curvature_per_m.abs()).fold(0.0, f64::max)
+    }
+
     /// Point and tangent at an arc length.
     fn frame(&self, arc_m: f64) -> (Vector2<f64>, Vector2<f64>) {
         let piece = self.piece(arc_m);
@@ -228,6 +270,16 @@ mod tests {
                 assert!((foot.arc_m - arc_m).abs() < 1e-12, "{arc_m} {left_m} {foot:?}");
                 assert!((foot.left_m - left_m).abs() < 1e-12, "{arc_m} {left_m} {foot:?}");
             }
+        }
+    }
+
+    #[test]
+    fn verif_projection_is_inverted() {
+        let shape = hook();
+        let chord = shape.point(shape.length_m()).vector().normalize();
+        for arc_m in [-0.002, 0.0, 0.012, 0.02, 0.033, 0.05, 0.052] {
+            let found_m = shape.arc_at_projection(chord, shape.point(arc_m).vector().dot(&chord));
+            assert!((found_m - arc_m).abs() < 1e-12, "{arc_m} {found_m}");
         }
     }
 

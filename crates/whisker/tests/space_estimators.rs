@@ -103,7 +103,7 @@ fn replayed(
     along: Vector3<f64>,
     noise: f64,
 ) -> Vec<(Estimate, SpatialContact, u32)> {
-    let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.rest).vector();
+    let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.axis).vector();
     let mut shift_m = 0.0;
     let found = replayed_contacts(knowledge, name, (3, ROWS), noise, to_base, |rod, to_base| {
         Some(touched(rod, to_base, point, along, &mut shift_m))
@@ -195,13 +195,13 @@ fn verif_a_rod_is_located_with_its_direction() {
 
 #[test]
 fn verif_a_rod_is_located_after_the_whisker_has_slipped_to_another_one() {
-    let rest = &STRAIGHT.calibrated.rest;
+    let axis = &STRAIGHT.calibrated.axis;
     let (first, second) = (Around::new(0.040, 0.0, 0.0), Around::new(0.046, 0.0, 0.0));
     let (mut shift_m, mut row) = (0.0, 0);
     let found = replayed_contacts(&STRAIGHT, "line-fit", (3, 2 * ROWS), 1.0, to_base, |rod, to_base| {
         row += 1;
         let at = if row < 200 { first } else { second };
-        Some(touched(rod, to_base, at.contact(rest).vector(), Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m))
+        Some(touched(rod, to_base, at.contact(axis).vector(), Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m))
     });
     for (estimate, truth, _) in &found[found.len() - 50..] {
         let error = error(estimate, truth);
@@ -234,7 +234,7 @@ fn touched_again(name: &str, again_m: f64) -> Vec<(Estimate, SpatialContact, u32
     let found = replayed_contacts(&STRAIGHT, name, (3, 2 * TOUCH_ROWS), 1.0, pressed_to_base, |rod, to_base| {
         row += 1;
         let along_m = if row < TOUCH_ROWS { 0.040 } else { again_m };
-        let point = Around::new(along_m, 0.0, 0.0).contact(&STRAIGHT.calibrated.rest).vector();
+        let point = Around::new(along_m, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
         let contact = touched(rod, to_base, point, Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m);
         (pressed(row) > 0.12).then_some(contact)
     });
@@ -272,7 +272,7 @@ fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
     // A push alone hardly determines the radius; below the deflection the contact would be unstable, and would slide the other way.
     const RADIUS_M: f64 = 0.02;
     for seed in 1..=6 {
-        let first = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.rest).vector();
+        let first = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
         let mut near = first + Vector3::new(0.0, -1e-4, -3e-5);
         let inwards = Vector3::new(0.0, 5.0, 1.5).normalize();
         let center = first + inwards * RADIUS_M;
@@ -291,7 +291,7 @@ fn verif_a_sphere_is_located_whatever_branch_the_push_suggests() {
 #[test]
 fn regress_a_sphere_explains_the_readings_of_contacts_that_slid_far_apart() {
     const RADIUS_M: f64 = 8e-3;
-    let first = Around::new(0.0295, 0.0, 0.0).contact(&CURVED.calibrated.rest).vector();
+    let first = Around::new(0.0295, 0.0, 0.0).contact(&CURVED.calibrated.axis).vector();
     let inwards = Vector3::new(0.0, 1.35, 2.35).normalize();
     let center = first + inwards * RADIUS_M;
     let mut near = first - inwards * 1e-4;

@@ -14,8 +14,8 @@ use whisker::rod::Suspension;
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{
-    self, Around, CalibratedSpace, SPATIAL_MODELS, SpatialFitData, SpatialModelRow, SpatialRegion, SpatialSample,
-    SpatialWhisker, spatial_model,
+    self, Across, Around, Axis, CalibratedSpace, SPATIAL_MODELS, SpatialFitData, SpatialModelRow, SpatialRegion,
+    SpatialSample, SpatialWhisker, spatial_model,
 };
 
 /// Noise of the readings, relative to the largest.
@@ -39,14 +39,14 @@ fn exact(whisker: &SpatialWhisker, contact: Point<Base>) -> Vector2<f64> {
 
 /// Lines of contacts at seven arc lengths, in the given directions, up to the distance 2.4 s^2.
 fn lines(whisker: &SpatialWhisker, directions: &[f64]) -> Vec<Vec<SpatialSample>> {
-    let (rest, mut random) = (whisker.whisker.rest_shape(), Pcg64::seed_from_u64(4));
+    let (axis, mut random) = (Axis::new(&whisker.whisker, Across::Normal), Pcg64::seed_from_u64(4));
     let mut lines = Vec::new();
     for node in 0..7 {
         for azimuth in directions {
             let along_m = 0.032 + 0.0045 * f64::from(node);
             let sample = |step: u32| {
                 let away_m = 2.4 * along_m * along_m * f64::from(step) / 6.0;
-                let contact = Around::new(along_m, away_m * azimuth.cos(), away_m * azimuth.sin()).contact(&rest);
+                let contact = Around::new(along_m, away_m * azimuth.cos(), away_m * azimuth.sin()).contact(&axis);
                 SpatialSample {
                     contact,
                     reading_n_m: Vector2::zeros(),
@@ -71,7 +71,8 @@ fn all_around() -> Vec<f64> {
 
 fn fitted(whisker: &SpatialWhisker, kind: &str, config: serde_json::Value) -> CalibratedSpace {
     let lines = lines(whisker, &all_around());
-    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, friction: false };
+    let data =
+        SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, across: Across::Normal, friction: false };
     sensor::fit(spatial_model(kind).unwrap(), &config, &data).unwrap().calibrated
 }
 
@@ -100,9 +101,9 @@ fn between() -> Vec<Around> {
 #[test]
 fn val_the_rod_reproduces_exact_readings_and_recovers_the_gains() {
     for (whisker, face) in whiskers().iter().zip(&*RODS) {
-        let rest = whisker.whisker.rest_shape();
+        let axis = Axis::new(&whisker.whisker, Across::Normal);
         for at in between() {
-            let contact = at.contact(&rest);
+            let contact = at.contact(&axis);
             let found = face.predict(contact).expect("a calibrated contact");
             let error = (found.reading_n_m - exact(whisker, contact)).norm() / face.largest_reading_n_m;
             // Fourteen parameters from 882 readings with 1 % noise.
@@ -116,21 +117,21 @@ fn val_the_rod_reproduces_exact_readings_and_recovers_the_gains() {
 
 #[test]
 fn verif_derivatives_are_those_of_differences() {
-    let rest = whiskers()[1].whisker.rest_shape();
+    let axis = Axis::new(&whiskers()[1].whisker, Across::Normal);
     for (row, face) in models() {
         for at in between() {
-            let contact = at.contact(&rest);
+            let contact = at.contact(&axis);
             let found = face.model.predict(contact);
-            let slope = |axis: usize| {
-                let step = 1e-7 * Vector3::ith(axis, 1.0);
+            let slope = |entry: usize| {
+                let step = 1e-7 * Vector3::ith(entry, 1.0);
                 let [after, before] = [contact.shifted(step), contact.shifted(-step)]
                     .map(|contact| face.model.predict(contact).reading_n_m);
                 (after - before) / 2e-7
             };
             let expected = Matrix2x3::from_columns(&[slope(0), slope(1), slope(2)]);
             assert!((found.gradient_n - expected).norm() < 1e-5 * expected.norm(), "{} {at:?}", row.kind);
-            let (reading, slopes) = face.model.predict_around(&rest, at);
-            let jacobian = at.contact_with_jacobian(&rest).1;
+            let (reading, slopes) = face.model.predict_around(&axis, at);
+            let jacobian = at.contact_with_jacobian(&axis).1;
             assert!((reading - found.reading_n_m).norm() < 1e-12 * face.largest_reading_n_m);
             assert!((slopes - found.gradient_n * jacobian).norm() < 1e-9 * slopes.norm());
         }
@@ -147,7 +148,7 @@ fn verif_a_stored_model_is_restored_bit_for_bit() {
         let restored = (row.load)(&region, &serde_json::from_str(&text).unwrap()).unwrap();
         assert_eq!(restored.to_json().to_string(), text);
         for at in between() {
-            let contact = at.contact(&face.rest);
+            let contact = at.contact(&face.axis);
             assert_eq!(restored.predict(contact), face.model.predict(contact), "{} {at:?}", row.kind);
         }
     }
@@ -159,7 +160,7 @@ fn val_directions_are_those_of_the_rod() {
         let face = fitted(&whisker, "polynomial", json!({}));
         let (rod, geometry) = (whisker.rod().unwrap(), face.geometry().unwrap());
         for at in between() {
-            let exact = rod.at_point(at.contact(&face.rest).vector()).unwrap().deflection;
+            let exact = rod.at_point(at.contact(&face.axis).vector()).unwrap().deflection;
             let found = geometry.at(at);
             assert!((found.normal - exact.force_n.normalize()).norm() < 1e-3, "{at:?}");
             assert!((found.tangent - exact.directors.column(0)).norm() < 1e-4, "{at:?}");
@@ -178,7 +179,8 @@ fn val_directions_are_those_of_the_rod() {
 fn robust_a_calibration_in_one_plane_is_refused() {
     let whisker = &whiskers()[0];
     let lines = lines(whisker, &[0.0, 0.5 * TAU]);
-    let data = SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, friction: false };
+    let data =
+        SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, across: Across::Normal, friction: false };
     for row in SPATIAL_MODELS {
         let Err(ModelError::Data(reason)) = sensor::fit(row, &(row.defaults)(), &data) else {
             panic!("{}: a planar calibration was accepted", row.kind)
@@ -192,6 +194,6 @@ fn robust_outside_the_calibrated_domain_nothing_is_stated() {
     let whisker = &whiskers()[0];
     let face = fitted(whisker, "polynomial", json!({}));
     for at in [Around::new(0.025, 1e-3, 0.0), Around::new(0.065, 1e-3, 0.0), Around::new(0.045, 0.0, 6e-3)] {
-        assert!(face.predict(at.contact(&face.rest)).is_none(), "{at:?}");
+        assert!(face.predict(at.contact(&face.axis)).is_none(), "{at:?}");
     }
 }

@@ -7,7 +7,7 @@ use ::trace::{FittedData, SpatialCalibrationFile};
 use ::whisker::sensor::ModelError;
 use ::whisker::space::frames::Point;
 use ::whisker::space::sensor::{
-    self, CalibratedSpace, SPATIAL_MODELS, SpatialFitData, SpatialModelRow, SpatialPrediction as Predicted,
+    self, Across, CalibratedSpace, SPATIAL_MODELS, SpatialFitData, SpatialModelRow, SpatialPrediction as Predicted,
     SpatialSample, spatial_model,
 };
 use nalgebra::{Matrix2, Vector2};
@@ -69,7 +69,10 @@ pub(crate) fn fit_spatial_calibration(
         return Err(refused("models", "none", "at least one name of a sensor model"));
     }
     let lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
-    let data = SpatialFitData { whisker: &rod.whisker, lines: &lines, reference_noise_sd_n_m: noise_sd_n_m, friction };
+    let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
+    let across = if friction { Across::of(&rod.whisker.whisker, &contacts) } else { Across::Normal };
+    let data =
+        SpatialFitData { whisker: &rod.whisker, lines: &lines, reference_noise_sd_n_m: noise_sd_n_m, across, friction };
     let (mut fits, mut reasons) = (Vec::new(), Vec::new());
     for row in candidates {
         for config in (row.candidates)() {

@@ -93,7 +93,7 @@ impl<'a> Prior<'a> {
             whisker: &calibrated.whisker.whisker,
             suspension: calibrated.whisker.suspension.into(),
             poisson_ratio: calibrated.whisker.poisson_ratio,
-            rest: RestLine::new(&calibrated.rest),
+            rest: RestLine::new(calibrated.axis.rest()),
             largest_reading_n_m: calibrated.largest_reading_n_m,
             domain: &calibrated.domain,
             shape: NODES,
@@ -119,7 +119,7 @@ impl SensorTable {
     }
 
     fn push(&mut self, calibrated: &CalibratedSpace, at: Around) {
-        let contact = at.contact(&calibrated.rest);
+        let contact = at.contact(&calibrated.axis);
         let expected = calibrated.model.predict(contact);
         let error = calibrated.model_covariance_n2_m2(at);
         self.arc_m.push(at.along_m);

@@ -10,11 +10,10 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde_json::Value;
 use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
-use whisker::Whisker;
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{
-    self, Around, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
+    self, Across, Axis, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
 };
 
 use super::{largest_reading_n_m, to_base};
@@ -153,18 +152,20 @@ impl WhiskerFit<'_> {
             traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
         let sensor = front_end.calibrate(&recordings).with_context(place)?;
         let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
-        let mut ambiguous = 0;
         for trace in traces {
             let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
-            let mut known = self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace)));
-            if trace.sidecar.recorded.is_some() {
-                ambiguous += leave_out_ambiguous(&whisker.whisker, &mut known);
-            }
-            lines.extend(known);
+            lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
+        }
+        let (mut across, mut ambiguous) = (Across::Normal, 0);
+        if is_recorded {
+            let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
+            across = Across::of(&whisker.whisker, &contacts);
+            ambiguous = leave_out_ambiguous(&Axis::new(&whisker.whisker, across), &mut lines);
         }
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
-        let data = SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m, friction: is_recorded };
+        let data =
+            SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m, across, friction: is_recorded };
         let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
         let data = FittedData {
             noise_fraction,
@@ -180,7 +181,7 @@ impl WhiskerFit<'_> {
         write_json(&path, &calibration)?;
         let contacts = (ambiguous > 0).then(|| {
             let of = ambiguous + lines.iter().map(Vec::len).sum::<usize>();
-            format!("{ambiguous} of {of} contacts, which have no unique nearest point on the undeflected whisker")
+            format!("{ambiguous} of {of} contacts, whose coordinates about the undeflected whisker are not unique")
         });
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out })
@@ -215,21 +216,12 @@ fn fits(
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
 }
 
-/// Largest distance (m) between a contact and the one at its coordinates about the undeflected whisker, if these are unique.
-const UNIQUE_M: f64 = 1e-6;
-
 /// Leaves out contacts whose coordinates about the undeflected whisker are not unique, as under large deflections of a real
-/// whisker: beyond its tip, or at least as far away as its smallest radius of curvature. Returns their number.
-fn leave_out_ambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> usize {
-    let rest = whisker.rest_shape();
-    let most_per_m = whisker.curvature.iter().map(|piece| piece.curvature_per_m.abs()).fold(0.0, f64::max);
-    let is_unique = |sample: &SpatialSample| {
-        let at = Around::of(&rest, sample.contact);
-        at.away_m() * most_per_m < 1.0 && at.contact(&rest).distance(&sample.contact) < UNIQUE_M
-    };
+/// whisker. Returns their number.
+fn leave_out_ambiguous(axis: &Axis, lines: &mut Vec<Vec<SpatialSample>>) -> usize {
     let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
     let all = count(lines);
-    lines.iter_mut().for_each(|line| line.retain(is_unique));
+    lines.iter_mut().for_each(|line| line.retain(|sample| axis.is_unique(sample.contact)));
     lines.retain(|line| !line.is_empty());
     all - count(lines)
 }

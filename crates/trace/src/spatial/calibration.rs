@@ -195,7 +195,7 @@ impl SpatialCalibrationFile {
             return Err(Error::value(path, key("label"), format!("`{}`", model.label), loaded.label()));
         }
         Ok(CalibratedSpace {
-            rest: self.whisker.rest_shape(),
+            axis: self.domain.axis(&self.whisker),
             domain: self.domain.clone(),
             label: loaded.label(),
             model: loaded.into(),

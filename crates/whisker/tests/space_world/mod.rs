@@ -8,7 +8,7 @@ use whisker::Whisker;
 use whisker::rod::Suspension;
 use whisker::space::estimators::Knowledge;
 use whisker::space::sensor::{
-    Around, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialRegion, SpatialWhisker, spatial_model,
+    Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialRegion, SpatialWhisker, spatial_model,
 };
 
 /// Sampling rate (Hz).
@@ -49,14 +49,14 @@ pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
         }
     }
     let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
-    let rest = whisker.rest_shape();
+    let axis = Axis::new(&whisker, Across::Normal);
     let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
     let domain = SpatialDomain::covering(&samples).unwrap();
     let stored = json!({"kind": "rod", "parameters": parameters.collect::<Vec<_>>()});
     let model = (spatial_model("rod").unwrap().load)(&SpatialRegion { whisker: &whisker, domain: &domain }, &stored);
     let calibrated = CalibratedSpace {
         whisker,
-        rest,
+        axis,
         label: "rod".into(),
         model: model.unwrap().into(),
         error: SpatialErrorMap { along: 2, away: 2, covariances_n2_m2: vec![[1e-18, 0.0, 1e-18]; 4] },

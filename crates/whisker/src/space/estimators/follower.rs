@@ -186,7 +186,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
 
 impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
-        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        self.unrest.advance(sample, 0.5 * self.side.length_m());
         let (bank, innovation) = match self.bank.take() {
             None => (self.begin(sample), None),
             Some(mut bank) => {

@@ -63,6 +63,33 @@ pub(super) struct Config {
     ignored_share: f64,
     /// Signal that the models are in doubt, by the innovations of the mixture.
     doubt: DoubtSettings,
+    /// Deviations of a real sensor's mounting from that of its calibration. `null`: the mounting is exact.
+    mounting: Option<Mounting>,
+}
+
+/// Deviations of the mounting, with the standard deviations of `installed` in the plane.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Mounting {
+    /// Standard deviation of the position along each axis.
+    place_sd_m: f64,
+    /// Standard deviation of the rotation about each axis of Base.
+    turn_sd_rad: f64,
+}
+
+impl Default for Mounting {
+    fn default() -> Self {
+        Self { place_sd_m: 0.2e-3, turn_sd_rad: 6e-3 }
+    }
+}
+
+impl Mounting {
+    /// Covariance of a contact in the nominal frame of the base whose coordinates in the actual one are known (m2), 3x3.
+    fn covariance_m2(&self, contact: &Vector3<f64>) -> Matrix3<f64> {
+        // A small rotation w moves the contact by w x p.
+        let turned = Matrix3::identity() * contact.norm_squared() - contact * contact.transpose();
+        Matrix3::identity() * self.place_sd_m.powi(2) + turned * self.turn_sd_rad.powi(2)
+    }
 }
 
 impl Default for Config {
@@ -82,6 +109,7 @@ impl Default for Config {
             covariance_factor: 1.5,
             ignored_share: 0.02,
             doubt: DoubtSettings::default(),
+            mounting: Some(Mounting::default()),
         }
     }
 }
@@ -93,6 +121,10 @@ impl Settings for Config {
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         self.doubt.validate()?;
+        if let Some(Mounting { place_sd_m, turn_sd_rad }) = self.mounting {
+            within("mounting.place_sd_m", place_sd_m, 0.0..=0.1)?;
+            within("mounting.turn_sd_rad", turn_sd_rad, 0.0..=1.0)?;
+        }
         within("ignored_share", self.ignored_share, 0.0..=0.5)
     }
 }
@@ -143,6 +175,7 @@ impl Method for ModelAveraging {
             names,
             trackers,
             first,
+            mounting: self.config.mounting.filter(|_| knowledge.calibrated.friction),
             is_free: false,
             doubtful: Doubtful::default(),
             config: self.config.clone(),
@@ -157,6 +190,7 @@ struct Average {
     trackers: Vec<Box<dyn Tracker>>,
     /// Probabilities of the candidates at the first touch.
     first: Vec<f64>,
+    mounting: Option<Mounting>,
     /// Probabilities of the candidates at the touch, and the logarithm of their evidence before it.
     prior: Vec<f64>,
     before: Vec<f64>,
@@ -216,9 +250,14 @@ impl Average {
         let innovation = Innovation::of_mixture(innovations);
         let is_contradicted = |(estimate, _): &&(&Estimate, f64)| estimate.model_doubtful == Some(true);
         let contradicted: f64 = parts.iter().filter(is_contradicted).map(|(_, share)| share).sum();
+        let contact = leading.contact.shifted(place.mean);
+        let mut covariance_m2 = place.covariance * self.config.covariance_factor;
+        if let Some(mounting) = &self.mounting {
+            covariance_m2 += mounting.covariance_m2(&contact.vector());
+        }
         Some(Estimate {
-            contact: leading.contact.shifted(place.mean),
-            covariance_m2: place.covariance * self.config.covariance_factor,
+            contact,
+            covariance_m2,
             normal: (leading.normal + normal.mean).normalize(),
             normal_covariance: normal.covariance * self.config.covariance_factor,
             direction: direction(&parts),

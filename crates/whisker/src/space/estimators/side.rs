@@ -11,9 +11,8 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::ringing::{Beam, Masses};
 use super::{Estimate, Knowledge};
-use crate::RestShape;
 use crate::space::frames::Point;
-use crate::space::sensor::{Around, CalibratedSpace, Directions};
+use crate::space::sensor::{Around, Axis, CalibratedSpace, Directions};
 
 /// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
 const MARGIN: f64 = 0.1;
@@ -66,8 +65,14 @@ impl Side {
         }
     }
 
-    pub(super) fn rest(&self) -> &RestShape {
-        &self.calibrated.rest
+    /// Axis of the coordinates about the whisker.
+    pub(super) fn axis(&self) -> &Axis {
+        &self.calibrated.axis
+    }
+
+    /// Length of the whisker.
+    pub(super) fn length_m(&self) -> f64 {
+        self.axis().rest().length_m()
     }
 
     /// Directions at a contact. `None` if the whisker has none.
@@ -80,7 +85,7 @@ impl Side {
     pub(super) fn expect(&self, at: Around) -> Expected {
         let CalibratedSpace { domain, model, error, .. } = &*self.calibrated;
         let (held, shares) = domain.held(at);
-        let (reading_n_m, slopes) = model.predict_around(self.rest(), held);
+        let (reading_n_m, slopes) = model.predict_around(self.axis(), held);
         let extrapolated_n_m = slopes * (at.vector() - held.vector());
         Expected {
             reading_n_m: reading_n_m + extrapolated_n_m,
@@ -155,16 +160,16 @@ impl Side {
     fn in_base(&self, place: &Gaussian<3>) -> Gaussian<3> {
         const SPREAD: Spread = Spread { alpha: 1.0, beta: 0.0, kappa: 0.0 };
         let mut found = *place;
-        if unscented::predict(&mut found, &Placing(self.rest()), &SPREAD).is_ok() {
+        if unscented::predict(&mut found, &Placing(self.axis()), &SPREAD).is_ok() {
             return found;
         }
-        let (contact, jacobian) = Around::of_state(&place.mean).contact_with_jacobian(self.rest());
+        let (contact, jacobian) = Around::of_state(&place.mean).contact_with_jacobian(self.axis());
         Gaussian::new(contact.vector(), jacobian * place.covariance * jacobian.transpose())
     }
 }
 
 /// The map from coordinates about the whisker to Base.
-struct Placing<'a>(&'a RestShape);
+struct Placing<'a>(&'a Axis);
 
 impl Process<3> for Placing<'_> {
     fn predict(&self, x: &Vector3<f64>) -> Vector3<f64> {

@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::Around;
+use super::{Across, Around, Axis};
+use crate::Whisker;
 use crate::sensor::Shares;
 use crate::sensor::domain::{are_even_nodes, closed, node_below};
 
@@ -35,10 +36,18 @@ pub struct SpatialDomain {
     pub directions: usize,
     /// Largest calibrated distance at each node and direction, those of one node in sequence. 0 where there are no contacts.
     pub away_m: Vec<f64>,
+    /// Direction in which the coordinates displace contacts.
+    #[serde(default, skip_serializing_if = "Across::is_normal")]
+    pub across: Across,
 }
 
 impl SpatialDomain {
-    /// The region covered by samples. `None` if they do not spread along the whisker and in more than one plane.
+    /// Axis of the coordinates about a whisker.
+    pub fn axis(&self, whisker: &Whisker) -> Axis {
+        Axis::new(whisker, self.across)
+    }
+
+    /// The region covered by samples, in coordinates with displacements along the normal. `None` if they do not spread along the whisker and in more than one plane.
     pub fn covering(samples: &[Around]) -> Option<Self> {
         let low = samples.iter().map(|sample| sample.along_m).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|sample| sample.along_m).fold(f64::NEG_INFINITY, f64::max);
@@ -82,7 +91,7 @@ impl SpatialDomain {
             (0..nodes as isize).contains(&node).then(|| node as usize * DIRECTIONS + cell % DIRECTIONS)
         });
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        Some(Self { arc_m, directions: DIRECTIONS, away_m })
+        Some(Self { arc_m, directions: DIRECTIONS, away_m, across: Across::Normal })
     }
 
     /// Whether the lists describe a region around a whisker of this length.

@@ -114,9 +114,10 @@ fn raised(covariance: Matrix2<f64>, least: f64) -> Matrix2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::sensor::Across;
 
     fn domain() -> SpatialDomain {
-        SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![5e-3; 8] }
+        SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![5e-3; 8], across: Across::Normal }
     }
 
     /// Errors along the direction of the contact alone, three times as large far from the whisker as near it.

@@ -5,8 +5,8 @@ use serde_json::Value;
 
 use super::error::Residual;
 use super::{
-    Around, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion, SpatialSample,
-    SpatialWhisker,
+    Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion,
+    SpatialSample, SpatialWhisker,
 };
 use crate::sensor::ModelError;
 use crate::space::frames::Point;
@@ -43,6 +43,8 @@ pub struct SpatialFitData<'a> {
     pub lines: &'a [Vec<SpatialSample>],
     /// Standard deviation of the remaining noise of each reference reading (N m).
     pub reference_noise_sd_n_m: f64,
+    /// Direction in which the coordinates displace contacts.
+    pub across: Across,
     /// Whether contacts may stick to objects by friction.
     pub friction: bool,
 }
@@ -57,9 +59,9 @@ pub struct SpatialFitData<'a> {
 /// [`ModelError`] if the settings are invalid or the data do not determine the model: for example, if no contacts lie out of the
 /// plane of the whisker.
 pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> Result<SpatialFit, ModelError> {
-    let rest = data.whisker.whisker.rest_shape();
+    let axis = Axis::new(&data.whisker.whisker, data.across);
     let all: Vec<SpatialSample> = data.lines.concat();
-    let around: Vec<Around> = all.iter().map(|sample| Around::of(&rest, sample.contact)).collect();
+    let around: Vec<Around> = all.iter().map(|sample| Around::of(&axis, sample.contact)).collect();
     let domain = SpatialDomain::covering(&around).ok_or_else(|| {
         let most_mm = 1e3 * around.iter().map(|at| at.up_m.abs()).fold(0.0, f64::max);
         ModelError::Data(format!(
@@ -68,6 +70,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
             `calibration_space_*`"
         ))
     })?;
+    let domain = SpatialDomain { across: data.across, ..domain };
     let lines: Vec<Vec<SpatialSample>> = data.lines.iter().map(|line| blocks(line)).collect();
     if lines.len() < LEAST_LINES {
         let found = lines.len();
@@ -82,7 +85,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     for (line, samples) in lines.iter().enumerate() {
         let predicted = (learnt.without)(line, &neighbours[line])?;
         residuals.extend(samples.iter().zip(predicted).map(|(sample, predicted_n_m)| Residual {
-            at: Around::of(&rest, sample.contact),
+            at: Around::of(&axis, sample.contact),
             error_n_m: predicted_n_m - sample.reference_n_m,
             noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
         }));
@@ -96,7 +99,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
     let calibrated = CalibratedSpace {
         whisker: data.whisker.clone(),
-        rest,
+        axis,
         domain,
         label: learnt.model.label(),
         model: learnt.model.into(),

@@ -39,9 +39,9 @@ impl Geometry {
     /// The directions over a calibrated domain. Where the nominal whisker has no equilibrium, as at the edge of the domain of a real
     /// whisker, they are those of the neighbouring contact nearer to the undeflected whisker. `None` if it has none at all.
     pub(super) fn new(whisker: &SpatialWhisker, domain: &SpatialDomain) -> Option<Self> {
-        let (rod, rest) = (whisker.rod().ok()?, whisker.whisker.rest_shape());
+        let (rod, axis) = (whisker.rod().ok()?, domain.axis(&whisker.whisker));
         let at_node = |at: Around, near: Option<(SpatialLoad, SVector<f64, 6>)>| {
-            let Some(contact) = rod.near(at.contact(&rest).vector(), near.map(|(load, _)| load)) else {
+            let Some(contact) = rod.near(at.contact(&axis).vector(), near.map(|(load, _)| load)) else {
                 let (load, values) = near?;
                 return Some((values, (load, values)));
             };

@@ -25,9 +25,9 @@ use crate::frames::Base;
 use crate::rod::{Rod, Suspension};
 use crate::sensor::ModelError;
 use crate::space::frames::Point;
-use crate::{Invalid, RestShape, Whisker};
+use crate::{Invalid, Whisker};
 
-pub use coordinates::Around;
+pub use coordinates::{Across, Around, Axis};
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
 pub use fit::{SpatialFit, SpatialFitData, fit};
@@ -94,8 +94,8 @@ pub trait SpatialModel: Debug + Send + Sync {
 
     /// Expected readings of a contact given by its coordinates about the undeflected whisker, and their derivatives by these.
     /// By default from [`Self::predict`].
-    fn predict_around(&self, rest: &RestShape, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
-        let (contact, jacobian) = at.contact_with_jacobian(rest);
+    fn predict_around(&self, axis: &Axis, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
+        let (contact, jacobian) = at.contact_with_jacobian(axis);
         let SpatialPrediction { reading_n_m, gradient_n } = self.predict(contact);
         (reading_n_m, gradient_n * jacobian)
     }
@@ -182,8 +182,8 @@ pub fn spatial_model(kind: &str) -> Result<&'static SpatialModelRow, ModelError>
 pub struct CalibratedSpace {
     /// The whisker.
     pub whisker: SpatialWhisker,
-    /// The undeflected whisker, on which the domain is based.
-    pub rest: RestShape,
+    /// Axis of the coordinates about the whisker.
+    pub axis: Axis,
     /// The calibrated domain.
     pub domain: SpatialDomain,
     /// Name of the formula within the calibration.
@@ -217,7 +217,7 @@ impl CalibratedSpace {
 
     /// Coordinates of a contact about the undeflected whisker.
     pub fn around(&self, contact: Point<Base>) -> Around {
-        Around::of(&self.rest, contact)
+        Around::of(&self.axis, contact)
     }
 
     /// Point of the object's surface at a contact on the centre line, given the unit normal of the surface out of the object.
@@ -243,8 +243,8 @@ impl CalibratedSpace {
         if let Some(geometry) = self.geometry() {
             return geometry.at(self.domain.clamp(at)).normal;
         }
-        let foot = Around::new(at.along_m, 0.0, 0.0).contact(&self.rest);
-        let displaced_m = at.contact(&self.rest).vector() - foot.vector();
+        let foot = Around::new(at.along_m, 0.0, 0.0).contact(&self.axis);
+        let displaced_m = at.contact(&self.axis).vector() - foot.vector();
         displaced_m.try_normalize(0.0).unwrap_or_else(Vector3::z)
     }
 

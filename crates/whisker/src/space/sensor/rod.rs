@@ -28,16 +28,16 @@ use serde_json::{Value, json};
 
 use super::table::{Grid, Table};
 use super::{
-    Around, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
+    Around, Axis, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
     SpatialWhisker,
 };
+use crate::Whisker;
 use crate::frames::Base;
 use crate::rod::{Rod, SpatialLoad, Suspension};
 use crate::sensor::ModelError;
 use crate::sensor::physical::{INFORMED_SHARE, SETTINGS, check_sds, check_settled, moved, no_solution, read};
 use crate::settings::typed;
 use crate::space::frames::Point;
-use crate::{RestShape, Whisker};
 
 pub(super) const KIND: &str = "rod";
 
@@ -345,7 +345,7 @@ impl Residuals for Calibration<'_> {
 
 /// The rod with fitted parameters, its readings tabulated.
 struct RodModel {
-    rest: RestShape,
+    axis: Axis,
     table: Table<2>,
     stated: Vec<StoredParameter>,
 }
@@ -353,13 +353,13 @@ struct RodModel {
 impl RodModel {
     fn new(region: &SpatialRegion<'_>, parameters: Parameters, stated: Vec<StoredParameter>) -> Option<Self> {
         let tuned = Tuned::new(region.whisker, parameters)?;
-        let rest = region.whisker.whisker.rest_shape();
+        let axis = region.domain.axis(&region.whisker.whisker);
         let at_node = |at: Around, near| {
-            let found = tuned.respond(at.contact(&rest), near)?;
+            let found = tuned.respond(at.contact(&axis), near)?;
             Some((found.reading_n_m, found.load))
         };
         let table = Table::new(Grid::new(region.domain), at_node)?;
-        Some(Self { rest, table, stated })
+        Some(Self { axis, table, stated })
     }
 }
 
@@ -375,14 +375,14 @@ impl SpatialModel for RodModel {
     }
 
     fn predict(&self, contact: Point<Base>) -> SpatialPrediction {
-        let at = Around::of(&self.rest, contact);
+        let at = Around::of(&self.axis, contact);
         let found = self.table.look(at);
         // Singular only at the whisker's centre of curvature, where the coordinates are not defined.
-        let inverse = at.contact_with_jacobian(&self.rest).1.try_inverse().unwrap_or_default();
+        let inverse = at.contact_with_jacobian(&self.axis).1.try_inverse().unwrap_or_default();
         SpatialPrediction { reading_n_m: found.values, gradient_n: found.slopes * inverse }
     }
 
-    fn predict_around(&self, _: &RestShape, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
+    fn predict_around(&self, _: &Axis, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
         let found = self.table.look(at);
         (found.values, found.slopes)
     }
@@ -512,6 +512,7 @@ pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::sensor::Across;
 
     #[test]
     fn verif_derivatives_by_the_parameters_are_those_of_differences() {
@@ -520,7 +521,7 @@ mod tests {
         let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: 1.3 * k, twist_n_m_rad: 0.8 * k };
         let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
         let nominal = Parameters::nominal(&whisker);
-        let at = Around::new(0.05, 4e-3, -3e-3).contact(&whisker.whisker.rest_shape()).vector();
+        let at = Around::new(0.05, 4e-3, -3e-3).contact(&Axis::new(&whisker.whisker, Across::Normal)).vector();
         for turn in [Vector3::zeros(), Vector3::new(0.5, -0.4, 0.7)] {
             let mut parameters = nominal;
             parameters.0.fixed_rows_mut::<3>(11).copy_from(&turn);

@@ -220,10 +220,12 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
+    use crate::space::sensor::Across;
 
     #[test]
     fn regress_below_the_least_arc_length_the_function_is_constant_along_the_whisker() {
-        let domain = SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![2e-3; 8] };
+        let domain =
+            SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![2e-3; 8], across: Across::Normal };
         let table =
             Table::new(Grid::new(&domain), |at, _: Option<()>| Some((Vector2::new(at.along_m, 1.0), ()))).unwrap();
         let [near, nearer] = [2e-3, 1e-3].map(|along_m| table.look(Around::new(along_m, 1e-3, 0.0)));
@@ -236,6 +238,7 @@ mod tests {
             arc_m: vec![0.03, 0.045, 0.06],
             directions: 4,
             away_m: vec![2e-3, 1e-3, 1.5e-3, 2e-3, 4e-3, 3e-3, 4e-3, 4e-3, 7e-3, 6e-3, 5e-3, 7e-3],
+            across: Across::Normal,
         };
         let exact = |at: Around| {
             let (u, v) = (at.left_m / at.along_m, at.up_m / at.along_m);

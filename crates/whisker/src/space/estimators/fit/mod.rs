@@ -188,9 +188,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Begins a touch of a known object: its contact is sought from the place of the last one.
     fn approach(&mut self) {
-        let (rest, motion) = (self.side.rest(), self.released.then(&self.base.inverse()));
+        let (axis, motion) = (self.side.axis(), self.released.then(&self.base.inverse()));
         for mode in self.modes.iter_mut().filter(|mode| !mode.is_new()) {
-            mode.near = Around::of(rest, motion.apply(mode.near.contact(rest)));
+            mode.near = Around::of(axis, motion.apply(mode.near.contact(axis)));
             mode.tilt = (0.0, 0.0);
         }
     }
@@ -261,7 +261,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let mode = &mut self.modes[round.mode];
         let is_new = mode.is_new();
         if (is_new || self.front.is_some())
-            && let Some(near) = round.search.nearest(&round.means, &self.base, self.side.rest())
+            && let Some(near) = round.search.nearest(&round.means, &self.base, self.side.axis())
         {
             mode.near = near;
         }
@@ -353,7 +353,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Takes the acceleration of the base.
     fn accelerate(&mut self, sample: &Sample) {
-        self.unrest.advance(sample, 0.5 * self.side.rest().length_m());
+        self.unrest.advance(sample, 0.5 * self.side.length_m());
         self.ringing.advance(sample);
     }
 

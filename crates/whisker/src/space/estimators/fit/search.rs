@@ -6,12 +6,11 @@ use filters::robust::logarithmic_cost;
 use nalgebra::{Matrix2, Matrix2x4, SMatrix, SVector};
 
 use super::readings::Mean;
-use crate::RestShape;
 use crate::frames::{Base, Start};
 use crate::space::estimators::motion::{Fitted, Object, Shape, TILT, TILT_S};
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
-use crate::space::sensor::Around;
+use crate::space::sensor::{Around, Axis};
 
 /// Damping of the first step, its factors after accepted and rejected steps, and the damping that ends the search.
 const FIRST_DAMPING: f64 = 1e-3;
@@ -244,8 +243,8 @@ impl<Body: Object, const N: usize> Search<Body, N> {
         // At first from the last contact, as if it rested.
         let mut near = self.near[i].unwrap_or_else(|| {
             let (at, base) = self.last;
-            let rest = evidence.side.rest();
-            Around::of(rest, base.then(&mean.base().inverse()).apply(at.contact(rest)))
+            let axis = evidence.side.axis();
+            Around::of(axis, base.then(&mean.base().inverse()).apply(at.contact(axis)))
         });
         if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near, work) {
             self.near[i] = Some(near);
@@ -285,10 +284,10 @@ impl<Body: Object, const N: usize> Search<Body, N> {
     }
 
     /// The contact found at the pose nearest to `base`: the one that `base` carries least far away.
-    pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>, rest: &RestShape) -> Option<Around> {
+    pub(super) fn nearest(&self, means: &[Mean], base: &Pose<Base, Start>, axis: &Axis) -> Option<Around> {
         let found = means.iter().zip(&self.near).filter_map(|(mean, near)| Some((mean.base(), (*near)?)));
         let distance_m = |(pose, near): &(&Pose<Base, Start>, Around)| {
-            let contact = near.contact(rest);
+            let contact = near.contact(axis);
             pose.apply(contact).distance(&base.apply(contact))
         };
         found.min_by(|a, b| distance_m(a).total_cmp(&distance_m(b))).map(|(_, near)| near)

@@ -128,7 +128,7 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
 
     /// The place of the contact after the base's motion, if it rests.
     fn carried(&self, side: &Side, motion: &Pose<Base, Base>) -> Around {
-        Around::of(side.rest(), motion.apply(Point::from_vector(self.here.contact)))
+        Around::of(side.axis(), motion.apply(Point::from_vector(self.here.contact)))
     }
 
     /// The stable contact after the base's motion, followed from the contact before it in small parts of the motion: where the

@@ -53,8 +53,8 @@ impl Motion<3> for Resting {
 
 impl Process<3> for Rest<'_> {
     fn predict(&self, x: &Vector3<f64>) -> Vector3<f64> {
-        let rest = self.side.rest();
-        Around::of(rest, self.motion.apply(Around::of_state(x).contact(rest))).vector()
+        let axis = self.side.axis();
+        Around::of(axis, self.motion.apply(Around::of_state(x).contact(axis))).vector()
     }
 
     fn jacobian(&self, x: &Vector3<f64>) -> Matrix3<f64> {
@@ -62,12 +62,12 @@ impl Process<3> for Rest<'_> {
     }
 
     fn linearised(&self, x: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
-        let rest = self.side.rest();
-        let (contact, before) = Around::of_state(x).contact_with_jacobian(rest);
-        let moved = Around::of(rest, self.motion.apply(contact));
+        let axis = self.side.axis();
+        let (contact, before) = Around::of_state(x).contact_with_jacobian(axis);
+        let moved = Around::of(axis, self.motion.apply(contact));
         // The inverse fails only at the whisker's centre of curvature; a contact there does not determine its position along
         // the whisker.
-        let after = moved.contact_with_jacobian(rest).1.try_inverse().unwrap_or_default();
+        let after = moved.contact_with_jacobian(axis).1.try_inverse().unwrap_or_default();
         (moved.vector(), after * self.motion.rotation() * before, self.noise(x))
     }
 

@@ -82,7 +82,7 @@ impl Axes {
 
 impl Place {
     pub(in crate::space::estimators) fn new(side: &Side, at: Around) -> Option<Self> {
-        let (contact, slopes) = at.contact_with_jacobian(side.rest());
+        let (contact, slopes) = at.contact_with_jacobian(side.axis());
         let directions = side.directions(at)?;
         Some(Self { at, contact: contact.vector(), slopes, untilted: Axes::of(&directions), directions })
     }
@@ -299,8 +299,8 @@ impl<'a, Model: Shape<N>, const N: usize> Roll<'a, Model, N> {
     }
 
     fn start(&self, x: &SVector<f64, N>) -> Around {
-        let contact = Around::of_state(x).contact(self.side.rest());
-        Around::of(self.side.rest(), self.motion.apply(contact))
+        let contact = Around::of_state(x).contact(self.side.axis());
+        Around::of(self.side.axis(), self.motion.apply(contact))
     }
 
     /// The state after the step, and its derivatives.
