@@ -169,11 +169,12 @@ pub(crate) fn import(folder: &Path, progress: Progress<'_>) -> Result<Imported, 
     let mut imported = Imported::default();
     for path in calibrations {
         advance();
-        let stem = stem(&path);
-        let Some(sensor) = SENSORS.iter().find(|sensor| stem.starts_with(sensor.calibration)) else {
-            let known = SENSORS.map(|sensor| sensor.calibration).join(", ");
-            imported.failures.push(Error::value(&path, "file name", &stem, format!("one that begins with {known}")));
-            continue;
+        let sensor = match calibrated_sensor(&path) {
+            Ok(sensor) => sensor,
+            Err(error) => {
+                imported.failures.push(error);
+                continue;
+            }
         };
         let calibration = Calibrated::read(sensor, &path)?;
         imported.traces.extend(calibration.traces());
@@ -199,9 +200,7 @@ fn import_test(
     path: &Path,
     calibrated: &BTreeMap<PathBuf, Calibrated>,
 ) -> Result<(Trace, Option<(String, Outline)>), Error> {
-    let test = Test::named(&stem(path)).ok_or_else(|| {
-        Error::value(path, "file name", stem(path), "`<sensor>_test_<date>` or `<object>tip_test_scan_object_<date>`")
-    })?;
+    let test = Test::of(path)?;
     let (sensor, session_name) = (test.sensor(), stem(session));
     let fits = |known: &&Calibrated| {
         known.sensor.calibration == sensor.calibration && attempt(&stem(&known.table.path)) == attempt(&session_name)
@@ -244,7 +243,22 @@ enum Test {
     Sweep(String),
 }
 
+/// The sensor of a calibration, by the name of its file.
+fn calibrated_sensor(path: &Path) -> Result<&'static Sensor, Error> {
+    let stem = stem(path);
+    SENSORS.iter().find(|sensor| stem.starts_with(sensor.calibration)).ok_or_else(|| {
+        let known = SENSORS.map(|sensor| sensor.calibration).join(", ");
+        Error::value(path, "file name", &stem, format!("one that begins with {known}"))
+    })
+}
+
 impl Test {
+    /// The test of a file.
+    fn of(path: &Path) -> Result<Self, Error> {
+        const EXPECTED: &str = "`<sensor>_test_<date>` or `<object>tip_test_scan_object_<date>`";
+        Self::named(&stem(path)).ok_or_else(|| Error::value(path, "file name", stem(path), EXPECTED))
+    }
+
     fn named(stem: &str) -> Option<Self> {
         const MONTHS: [&str; 12] = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
         let date = MONTHS.iter().filter_map(|month| stem.find(&format!("{month}_"))).min()?;

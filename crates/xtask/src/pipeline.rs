@@ -197,6 +197,15 @@ impl Evaluations {
         step("fit recordings", || run(whisker(&["fit", &traces])))?;
         step("evaluate recordings", || self.run(&[&traces, "--starts", "wrong"]))
     }
+
+    /// Recordings of other groups in space to traces, sensor models and scores of some estimators: `datasets/<name>/`,
+    /// `results/<name>/`.
+    pub(crate) fn of_recordings_in_space(self, format: &str, from: &str, name: &str, estimators: &str) -> Outcome {
+        let traces = format!("datasets/{name}");
+        step("import recordings in space", || run(whisker(&["import", format, from, "--space", "--out", &traces])))?;
+        step("fit recordings in space", || run(whisker(&["fit", &traces])))?;
+        step("evaluate traces in space", || self.run(&[&traces, "--estimators", estimators]))
+    }
 }
 
 /// Scores to figures and a page with links to the animations: `results/<suite>/`.

@@ -16,8 +16,8 @@ use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 
 use super::{
-    COLUMNS, Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, SENSORS, Sensor,
-    Table, Test, attempt, folders, lines, stem, tables,
+    COLUMNS, Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, Sensor, Table,
+    Test, attempt, calibrated_sensor, folders, lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
 use crate::registration::{Mounted, pieces};
@@ -66,7 +66,7 @@ pub struct SpatialRecordings {
     pub pins: Vec<SpatialTrial>,
     /// Sweeps of the sensor over fixed objects.
     pub sweeps: Vec<SpatialSweep>,
-    /// Errors of the tests that could not be read. The others do not depend on them.
+    /// Errors of files with unknown names and of tests that could not be read. The others do not depend on them.
     pub failures: Vec<Error>,
 }
 
@@ -175,10 +175,13 @@ pub fn stanford_in_space(folder: &Path) -> Result<SpatialRecordings, Error> {
     let mut recordings = SpatialRecordings::default();
     let mut sensors: Vec<(&'static Sensor, String)> = Vec::new();
     for path in tables(&data.join("calibration"))? {
-        let stem = stem(&path);
-        let Some(sensor) = SENSORS.iter().find(|sensor| stem.starts_with(sensor.calibration)) else { continue };
-        recordings.calibrations.push(calibration(sensor, &path)?);
-        sensors.push((sensor, stem));
+        match calibrated_sensor(&path) {
+            Ok(sensor) => {
+                recordings.calibrations.push(calibration(sensor, &path)?);
+                sensors.push((sensor, stem(&path)));
+            }
+            Err(error) => recordings.failures.push(error),
+        }
     }
     let mut meshes: BTreeMap<&str, Vec<Triangle>> = BTreeMap::new();
     for session in folders(&data.join("test"))? {
@@ -268,7 +271,7 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
     })
 }
 
-/// Reads a test, unless its name is that of no test.
+/// Reads a test.
 fn test(
     folder: &Path,
     session: &Path,
@@ -277,7 +280,7 @@ fn test(
     meshes: &mut BTreeMap<&'static str, Vec<Triangle>>,
     recordings: &mut SpatialRecordings,
 ) -> Result<(), Error> {
-    let Some(kind) = Test::named(&stem(path)) else { return Ok(()) };
+    let kind = Test::of(path)?;
     let (sensor, session_name) = (kind.sensor(), stem(session));
     let fits = |(known, name): &(&Sensor, String)| {
         known.calibration == sensor.calibration && attempt(name) == attempt(&session_name)
@@ -371,6 +374,18 @@ mod tests {
         fs::create_dir_all(data.join("test")).unwrap();
         fs::write(data.join("calibration/sensor1_tip_calib_May_04.csv"), calibration).unwrap();
         home
+    }
+
+    #[test]
+    fn robust_files_with_unknown_names_are_listed() {
+        let home = tempfile::tempdir().unwrap();
+        for folder in ["calibration", "test/tip_test_01"].map(|folder| home.path().join(FOLDER).join(folder)) {
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(folder.join("notes.csv"), "").unwrap();
+        }
+        let failures = stanford_in_space(home.path()).unwrap().failures;
+        assert_eq!(failures.len(), 2);
+        assert!(failures.iter().all(|failure| failure.to_string().contains("file name: found notes")), "{failures:?}");
     }
 
     #[test]

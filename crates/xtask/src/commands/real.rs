@@ -9,10 +9,14 @@ use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
 use crate::tools::{run as run_command, whisker};
 
-/// Importer of the recordings, the name of the run on them, and that of their evaluation in space.
+/// Importer of the recordings, the names of the runs on them in the plane and in space, and that of their evaluation without traces.
 const FORMAT: &str = "stanford-whisker";
 const RUN: &str = "stanford";
+const RUN_IN_SPACE: &str = "stanford-space";
 const IN_SPACE: &str = "recordings";
+
+/// Estimators in space whose scores the documentation shows.
+const SHOWN: &str = "point,point-fit,line,recommended";
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
     let (arguments, is_forced) = match arguments {
@@ -32,6 +36,8 @@ pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     let out = format!("results/{IN_SPACE}");
     step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
+    evaluations.of_recordings_in_space(FORMAT, folder, RUN_IN_SPACE, SHOWN)?;
+    kept::keep(RUN_IN_SPACE, &["space_summary.csv"])?;
     kept::keep(IN_SPACE, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
     kept::keep(IN_SPACE, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
 }
