@@ -166,13 +166,13 @@ fn verif_a_fixed_point_is_located_with_its_covariance() {
 /// A real sensor: contacts may stick, and its mounting is uncertain.
 #[test]
 fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
-    let real = CalibratedSpace { friction: true, ..(*STRAIGHT.calibrated).clone() };
+    let real = CalibratedSpace { real_sensor: true, ..(*STRAIGHT.calibrated).clone() };
     let real = Arc::new(Knowledge { calibrated: Arc::new(real), ..(**STRAIGHT).clone() });
     let errors = [&real, &*STRAIGHT].map(|knowledge| {
         let found = replayed(knowledge, "recommended", Vector3::zeros(), 1.0);
         let (estimate, truth, _) = *found.last().unwrap();
         let share = estimate.models.unwrap().of("point-fit");
-        assert_eq!(share.map(|share| share > 0.5), knowledge.calibrated.friction.then_some(true), "{share:?}");
+        assert_eq!(share.map(|share| share > 0.5), knowledge.calibrated.real_sensor.then_some(true), "{share:?}");
         (error(&estimate, &truth), estimate)
     });
     let [(of_real, estimate), (of_simulated, simulated)] = errors;

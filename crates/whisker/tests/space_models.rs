@@ -71,8 +71,13 @@ fn all_around() -> Vec<f64> {
 
 fn fitted(whisker: &SpatialWhisker, kind: &str, config: serde_json::Value) -> CalibratedSpace {
     let lines = lines(whisker, &all_around());
-    let data =
-        SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, across: Across::Normal, friction: false };
+    let data = SpatialFitData {
+        whisker,
+        lines: &lines,
+        reference_noise_sd_n_m: 0.0,
+        across: Across::Normal,
+        real_sensor: false,
+    };
     sensor::fit(spatial_model(kind).unwrap(), &config, &data).unwrap().calibrated
 }
 
@@ -179,8 +184,13 @@ fn val_directions_are_those_of_the_rod() {
 fn robust_a_calibration_in_one_plane_is_refused() {
     let whisker = &whiskers()[0];
     let lines = lines(whisker, &[0.0, 0.5 * TAU]);
-    let data =
-        SpatialFitData { whisker, lines: &lines, reference_noise_sd_n_m: 0.0, across: Across::Normal, friction: false };
+    let data = SpatialFitData {
+        whisker,
+        lines: &lines,
+        reference_noise_sd_n_m: 0.0,
+        across: Across::Normal,
+        real_sensor: false,
+    };
     for row in SPATIAL_MODELS {
         let Err(ModelError::Data(reason)) = sensor::fit(row, &(row.defaults)(), &data) else {
             panic!("{}: a planar calibration was accepted", row.kind)

@@ -46,19 +46,20 @@ pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResul
 /// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on the
 /// centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker. Each is
 /// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space, `polynomial` and
-/// `rod`; by default all. `noise_sd_n_m` is the standard deviation of the noise in the readings. `friction` states that contacts may
-/// stick to objects, as on a real sensor: `recommended` then considers contacts at rest too.
+/// `rod`; by default all. `noise_sd_n_m` is the standard deviation of the noise in the readings. `real_sensor` states
+/// that the readings are those of a real sensor: `recommended` then considers that contacts may stick to objects by friction, and that
+/// the mounting may deviate from that of the calibration.
 ///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]
-#[pyo3(signature = (rod, lines, models=None, noise_sd_n_m=0.0, friction=false))]
+#[pyo3(signature = (rod, lines, models=None, noise_sd_n_m=0.0, real_sensor=false))]
 pub(crate) fn fit_spatial_calibration(
     py: Python<'_>,
     rod: &Rod,
     lines: Vec<(Numbers<'_>, Numbers<'_>)>,
     models: Option<Vec<String>>,
     noise_sd_n_m: f64,
-    friction: bool,
+    real_sensor: bool,
 ) -> PyResult<SpatialCalibration> {
     check_not_negative("noise_sd_n_m", noise_sd_n_m)?;
     let candidates: Vec<&SpatialModelRow> = match &models {
@@ -70,9 +71,14 @@ pub(crate) fn fit_spatial_calibration(
     }
     let lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
     let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
-    let across = if friction { Across::of(&rod.whisker.whisker, &contacts) } else { Across::Normal };
-    let data =
-        SpatialFitData { whisker: &rod.whisker, lines: &lines, reference_noise_sd_n_m: noise_sd_n_m, across, friction };
+    let across = if real_sensor { Across::of(&rod.whisker.whisker, &contacts) } else { Across::Normal };
+    let data = SpatialFitData {
+        whisker: &rod.whisker,
+        lines: &lines,
+        reference_noise_sd_n_m: noise_sd_n_m,
+        across,
+        real_sensor,
+    };
     let (mut fits, mut reasons) = (Vec::new(), Vec::new());
     for row in candidates {
         for config in (row.candidates)() {
@@ -150,10 +156,10 @@ impl SpatialCalibration {
         self.calibrated.largest_reading_n_m
     }
 
-    /// Whether contacts may stick to objects by friction.
+    /// Whether the sensor is a real one.
     #[getter]
-    fn friction(&self) -> bool {
-        self.calibrated.friction
+    fn real_sensor(&self) -> bool {
+        self.calibrated.real_sensor
     }
 
     /// Writes the calibration file, which `load_spatial_calibration` and the command `whisker` read.

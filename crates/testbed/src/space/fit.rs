@@ -164,8 +164,13 @@ impl WhiskerFit<'_> {
         }
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
-        let data =
-            SpatialFitData { whisker: &whisker, lines: &lines, reference_noise_sd_n_m, across, friction: is_recorded };
+        let data = SpatialFitData {
+            whisker: &whisker,
+            lines: &lines,
+            reference_noise_sd_n_m,
+            across,
+            real_sensor: is_recorded,
+        };
         let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
         let data = FittedData {
             noise_fraction,

@@ -42,9 +42,9 @@ pub struct SpatialCalibrationFile {
     /// Front end through which the traces were read. `None` if the readings are the moments themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<SpatialFrontEndFile>,
-    /// Whether contacts may stick to objects by friction: the traces are recordings of a real sensor.
+    /// Whether the traces are recordings of a real sensor.
     #[serde(default, skip_serializing_if = "is_false")]
-    pub friction: bool,
+    pub real_sensor: bool,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -110,7 +110,7 @@ impl SpatialCalibrationFile {
     pub fn new(fits: &[SpatialFit], data: FittedData, watermark: Watermark) -> Option<Self> {
         let best = fits.iter().min_by(|a, b| a.calibrated.heldout_rms_n_m.total_cmp(&b.calibrated.heldout_rms_n_m))?;
         let models: Vec<SpatialModelFile> = fits.iter().map(SpatialModelFile::new).collect();
-        let CalibratedSpace { whisker, domain, label, largest_reading_n_m, friction, .. } = &best.calibrated;
+        let CalibratedSpace { whisker, domain, label, largest_reading_n_m, real_sensor, .. } = &best.calibrated;
         let FittedData { noise_fraction, seed, data_sha256, traces, .. } = data;
         Some(Self {
             format: SPATIAL_FORMAT,
@@ -122,7 +122,7 @@ impl SpatialCalibrationFile {
             noise_fraction,
             seed,
             front_end: None,
-            friction: *friction,
+            real_sensor: *real_sensor,
             data_sha256,
             traces,
             samples: best.samples,
@@ -203,7 +203,7 @@ impl SpatialCalibrationFile {
             heldout_rms_n_m: model.heldout_rms_n_m,
             heldout_worst_n_m: model.heldout_worst_n_m,
             largest_reading_n_m: self.largest_reading_n_m,
-            friction: self.friction,
+            real_sensor: self.real_sensor,
             geometry: Default::default(),
             whisker,
         })

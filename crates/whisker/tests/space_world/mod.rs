@@ -63,7 +63,7 @@ pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
         heldout_rms_n_m: 1e-9,
         heldout_worst_n_m: 1e-9,
         largest_reading_n_m: 2e-5,
-        friction: false,
+        real_sensor: false,
         geometry: Default::default(),
         domain,
     };

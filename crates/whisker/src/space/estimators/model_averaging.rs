@@ -39,9 +39,9 @@ struct Candidate {
     settings: Map<String, Value>,
     /// Prior probability, relative to the others.
     weight: f64,
-    /// Whether the candidate counts only where there is friction ([`CalibratedSpace::friction`]).
+    /// Whether the candidate counts only for real sensors ([`crate::space::sensor::CalibratedSpace::real_sensor`]).
     #[serde(default, skip_serializing_if = "is_false")]
-    needs_friction: bool,
+    real_sensors_only: bool,
 }
 
 fn is_false(value: &bool) -> bool {
@@ -99,7 +99,7 @@ impl Default for Config {
             name: name.into(),
             settings: Map::new(),
             weight,
-            needs_friction: name == "point-fit",
+            real_sensors_only: name == "point-fit",
         };
         let weights =
             [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 10.0)];
@@ -159,7 +159,7 @@ impl ModelAveraging {
 
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        let counts = |candidate: &Candidate| knowledge.calibrated.friction || !candidate.needs_friction;
+        let counts = |candidate: &Candidate| knowledge.calibrated.real_sensor || !candidate.real_sensors_only;
         let candidates = self.config.candidates.iter().zip(&self.methods).filter(|(candidate, _)| counts(candidate));
         let (mut names, mut trackers, mut weights) = (Vec::new(), Vec::new(), Vec::new());
         for (candidate, (name, method)) in candidates {
@@ -175,7 +175,7 @@ impl Method for ModelAveraging {
             names,
             trackers,
             first,
-            mounting: self.config.mounting.filter(|_| knowledge.calibrated.friction),
+            mounting: self.config.mounting.filter(|_| knowledge.calibrated.real_sensor),
             is_free: false,
             doubtful: Doubtful::default(),
             config: self.config.clone(),

@@ -45,8 +45,8 @@ pub struct SpatialFitData<'a> {
     pub reference_noise_sd_n_m: f64,
     /// Direction in which the coordinates displace contacts.
     pub across: Across,
-    /// Whether contacts may stick to objects by friction.
-    pub friction: bool,
+    /// Whether the sensor is a real one ([`CalibratedSpace::real_sensor`]).
+    pub real_sensor: bool,
 }
 
 /// Fits the model `row` with `config`.
@@ -107,7 +107,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
         heldout_rms_n_m: (mean_square - noise_n2_m2).max(least_n2_m2).sqrt(),
         heldout_worst_n_m: residuals.iter().map(|residual| residual.error_n_m.amax()).fold(0.0, f64::max),
         largest_reading_n_m,
-        friction: data.friction,
+        real_sensor: data.real_sensor,
         geometry: Default::default(),
     };
     Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })

@@ -77,3 +77,30 @@ fn unit(vector: Vector3<f64>, slopes: Matrix3<f64>) -> (Vector3<f64>, Matrix3<f6
     let (direction, slopes) = (vector / size, slopes / size);
     (direction, slopes - direction * direction.tr_mul(&slopes), size)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Whisker;
+    use crate::rod::Suspension;
+    use crate::space::sensor::Across;
+
+    #[test]
+    fn robust_contacts_out_of_reach_have_the_directions_of_those_nearer_to_the_whisker() {
+        let whisker = Whisker::straight();
+        let k = whisker.root_stiffness_n_m_rad;
+        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
+        let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
+        let domain = |away_m: f64| SpatialDomain {
+            arc_m: vec![0.04, 0.07],
+            directions: 4,
+            away_m: vec![away_m; 8],
+            across: Across::Normal,
+        };
+        let [near, far] = [10e-3, 60e-3].map(|away_m| Geometry::new(&whisker, &domain(away_m)).unwrap());
+        let (within, beyond) = (Around::new(0.06, 5e-3, 5e-3), Around::new(0.07, 60e-3, 0.0));
+        assert!(near.at(within).normal.angle(&far.at(within).normal) < 0.05);
+        let Directions { normal, force_n, .. } = far.at(beyond);
+        assert!(normal.iter().all(|entry| entry.is_finite()) && force_n > 0.0, "{normal} {force_n}");
+    }
+}

@@ -198,8 +198,9 @@ pub struct CalibratedSpace {
     pub heldout_worst_n_m: f64,
     /// Largest bending moment of the calibration.
     pub largest_reading_n_m: f64,
-    /// Whether contacts may stick to objects by friction, as those of real sensors. Simulated contacts in space have none.
-    pub friction: bool,
+    /// Whether the sensor is a real one: contacts may stick to objects by friction, and the mounting may deviate from that of the
+    /// calibration. Simulated sensors in space have neither.
+    pub real_sensor: bool,
     /// Directions at the contacts, computed on first use.
     pub geometry: OnceGeometry,
 }
