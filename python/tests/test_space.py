@@ -218,6 +218,13 @@ def test_robust_readings_of_no_sign_or_the_wrong_one_are_refused(rod, lines, fac
         wc.fit_spatial_calibration(rod, wrong, models=["polynomial"])
 
 
+def test_verif_a_calibration_states_whether_the_sensor_is_a_real_one(tmp_path, rod, lines, calibration):
+    real = wc.fit_spatial_calibration(rod, lines, models=["polynomial"], real_sensor=True)
+    real.write(tmp_path / "real.json")
+    restored = wc.load_spatial_calibration(tmp_path / "real.json")
+    assert (calibration.real_sensor, real.real_sensor, restored.real_sensor) == (False, True, True)
+
+
 def test_robust_a_calibration_of_missing_traces_is_refused(tmp_path, calibration):
     for name in ("one", "other"):
         for end in ("csv", "json"):
