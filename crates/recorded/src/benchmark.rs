@@ -10,14 +10,13 @@ use importers::{SpatialRecordings, SpatialSweep, Triangle, stanford_in_space};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use whisker::space::sensor::gaussian_process::{HeldOut, Kernel, Process};
 
 use crate::calibration::Calibrated;
 use crate::fixed::{Estimate, Reading, Settings};
-use crate::kernel::Kernel;
 use crate::mesh::{Face, distance_m, extent_m, nearest, vertex_distance_m};
 use crate::paper::{self, PaperUkf};
 use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch, wrong};
-use crate::process::{HeldOut, Process};
 use crate::sweep::{SweepSettings, SweptContact, contacts};
 
 /// Name of the estimator of fixed contacts.
@@ -271,9 +270,9 @@ fn map_score(calibrated: &Calibrated, model: &str, process: &Process) -> anyhow:
         model: model.into(),
         samples: calibrated.samples.len(),
         outliers: calibrated.samples.len() - held.len(),
-        largest_counts: process.largest_counts,
-        heldout_rms: (square / count).sqrt() / process.largest_counts,
-        heldout_worst: held.iter().map(|one| one.error.amax()).fold(0.0, f64::max) / process.largest_counts,
+        largest_counts: process.largest_reading,
+        heldout_rms: (square / count).sqrt() / process.largest_reading,
+        heldout_worst: held.iter().map(|one| one.error.amax()).fold(0.0, f64::max) / process.largest_reading,
         nees,
     })
 }
@@ -284,7 +283,7 @@ fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrate
     let published = Process::new(&calibrated.process.samples, [paper::kernel(); 2]).context("singular covariance")?;
     benchmark.maps.push(map_score(calibrated, "gaussian-process", &calibrated.process)?);
     benchmark.maps.push(map_score(calibrated, "gaussian-process of paper-ukf-3d", &published)?);
-    let least_counts = TOUCH * calibrated.process.largest_counts;
+    let least_counts = TOUCH * calibrated.process.largest_reading;
     let lines: Vec<Vec<PinScore>> = (0..calibrated.neighbours.len())
         .into_par_iter()
         .map(|index| {

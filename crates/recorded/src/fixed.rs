@@ -6,9 +6,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
-
-use crate::kernel::Place;
-use crate::process::Predictor;
+use whisker::space::sensor::gaussian_process::{Place, Predictor};
 
 /// Settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -146,7 +144,7 @@ impl<'a> FixedPoint<'a> {
         };
         let mut nearest: Vec<(f64, usize, Vector3<f64>)> = Vec::new();
         for sample in self.predictor.samples() {
-            let misfit = (sample.counts - largest.counts).norm();
+            let misfit = (sample.reading - largest.counts).norm();
             match nearest.last_mut().filter(|last| last.1 == sample.line) {
                 Some(last) if last.0 <= misfit => {}
                 Some(last) => *last = (misfit, sample.line, sample.contact_m),
@@ -166,7 +164,7 @@ impl<'a> FixedPoint<'a> {
     /// Contact and load of a reading, for a contact in World.
     fn place(&self, i: usize, place_m: &Vector3<f64>) -> Place {
         let contact_m = self.readings[i].to_sensor(place_m);
-        let load = self.readings[i].counts.norm() / self.predictor.process.largest_counts;
+        let load = self.readings[i].counts.norm() / self.predictor.process.largest_reading;
         Place { contact_m, load }
     }
 
@@ -176,7 +174,7 @@ impl<'a> FixedPoint<'a> {
         Vector2::from_fn(|channel, _| {
             let kernel = &process.kernels[channel];
             let share = kernel.line_sd(load).powi(2) + kernel.noise_variance(load) + self.settings.rest_sd.powi(2);
-            share * process.largest_counts.powi(2)
+            share * process.largest_reading.powi(2)
         })
     }
 
@@ -250,7 +248,7 @@ impl<'a> FixedPoint<'a> {
             return None;
         }
         let at: Vec<Place> = kept.iter().map(|&i| self.place(i, &start_m)).collect();
-        let rest = (self.settings.rest_sd * process.largest_counts).powi(2);
+        let rest = (self.settings.rest_sd * process.largest_reading).powi(2);
         let factor = |channel: usize| {
             let covariance = self.predictor.covariance(channel, &at) + DMatrix::from_element(at.len(), at.len(), rest);
             covariance.cholesky()
@@ -300,7 +298,7 @@ impl<'a> FixedPoint<'a> {
         let outliers = (used.len() - kept.len()) as f64 * self.settings.outlier;
         let of_readings: f64 = factors.iter().map(log_determinant).sum();
         let log_weight = -0.5 * (cost + of_readings + outliers + factor.determinant().ln())
-            - outliers_evidence(used.len() - kept.len(), process.largest_counts);
+            - outliers_evidence(used.len() - kept.len(), process.largest_reading);
         Some(Refined { place_m, covariance_m2: factor.inverse() * inflation, log_weight })
     }
 }
@@ -318,10 +316,28 @@ struct Refined {
 
 #[cfg(test)]
 mod tests {
+    use whisker::space::sensor::gaussian_process::{Kernel, Process, Sample};
+
     use super::*;
-    use crate::kernel::Kernel;
-    use crate::process::Process;
-    use crate::process::tests::{reading, samples};
+
+    /// Readings of a smooth map (counts).
+    fn counts(contact_m: &Vector3<f64>) -> Vector2<f64> {
+        let [x, y, z] = (contact_m * 100.0).into();
+        Vector2::new(900.0 * z * (1.0 + 0.3 * x), 1500.0 * y * (1.0 - 0.4 * x + 0.2 * x * x) + 60.0 * z * z)
+    }
+
+    /// Contacts on lines that leave an undeflected wire along x.
+    fn samples() -> Vec<Sample> {
+        let mut samples = Vec::new();
+        for line in 0..35 {
+            let [x, z] = [-0.01 - 0.005 * f64::from(line / 5), 0.004 * f64::from(line % 5 - 2)];
+            samples.extend((0..8).map(|step| {
+                let contact_m = Vector3::new(x, -0.002 * f64::from(step), z);
+                Sample { contact_m, reading: counts(&contact_m), line: line as usize }
+            }));
+        }
+        samples
+    }
 
     #[test]
     fn verif_a_fixed_contact_is_found_without_a_start() {
@@ -331,7 +347,7 @@ mod tests {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
         let at = |step: usize| {
             let contact_m = Vector3::new(-0.02 - 2e-4 * step as f64, -0.001 - 4e-4 * step as f64, 0.002);
-            Reading { rotation: turn, origin_m: place_m - turn * contact_m, counts: reading(&contact_m) }
+            Reading { rotation: turn, origin_m: place_m - turn * contact_m, counts: counts(&contact_m) }
         };
         let mut estimator = FixedPoint::new(&predictor, Settings::default(), at(0));
         let last = (1..30).filter_map(|step| estimator.step(at(step))).last().expect("an estimate");

@@ -5,10 +5,9 @@
 use filters::unscented::{self, Spread};
 use filters::{Gaussian, Measurement, Process};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use whisker::space::sensor::gaussian_process::{Kernel, Predictor};
 
 use crate::fixed::{Estimate, Reading};
-use crate::kernel::Kernel;
-use crate::process::Predictor;
 
 /// Standard deviation of the start along each axis (m).
 const START_SD_M: f64 = 5e-3;
@@ -90,6 +89,6 @@ impl Measurement<3, 2> for Sensor<'_> {
     }
 
     fn noise(&self, _: &Vector3<f64>) -> Matrix2<f64> {
-        Matrix2::identity() * (READING_SD * self.predictor.process.largest_counts).powi(2)
+        Matrix2::identity() * (READING_SD * self.predictor.process.largest_reading).powi(2)
     }
 }

@@ -3,12 +3,11 @@
 use filters::quantile::CHI2_3_95;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
+use whisker::space::sensor::gaussian_process::{Place, Predictor};
 
 use crate::calibration::Calibrated;
 use crate::fixed::{Estimate, FixedPoint, Reading, Settings};
-use crate::kernel::Place;
 use crate::paper::PaperUkf;
-use crate::process::Predictor;
 
 /// Contact threshold, as a share of the largest reading of the calibration.
 pub const TOUCH: f64 = 0.02;
@@ -83,7 +82,7 @@ impl Mounting {
                 .iter()
                 .map(|&i| {
                     let contact_m = mounting.corrected(&touch[i]).to_sensor(place_m);
-                    Place { contact_m, load: touch[i].counts.norm() / predictor.process.largest_counts }
+                    Place { contact_m, load: touch[i].counts.norm() / predictor.process.largest_reading }
                 })
                 .collect();
             let kept: Vec<usize> = (0..at.len())
@@ -208,5 +207,5 @@ pub fn score(group: &str, name: &str, estimator: &str, estimates: &[Option<Estim
 /// A line of a calibration as a pin trial: its readings above rest.
 pub fn line(calibrated: &Calibrated, line: usize) -> Vec<importers::Labelled> {
     let of_line = calibrated.process.samples.iter().filter(|sample| sample.line == line);
-    of_line.map(|sample| importers::Labelled { contact_m: sample.contact_m, counts: sample.counts }).collect()
+    of_line.map(|sample| importers::Labelled { contact_m: sample.contact_m, counts: sample.reading }).collect()
 }

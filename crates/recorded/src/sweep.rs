@@ -12,9 +12,9 @@ use std::ops::Range;
 use filters::least_squares::{self, Damping, Method, Moves, Problem, Quadratic, minimise};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x2, SVector, Vector3};
 use serde::{Deserialize, Serialize};
+use whisker::space::sensor::gaussian_process::Predictor;
 
 use crate::fixed::{FixedPoint, Reading, Settings};
-use crate::process::Predictor;
 
 /// Settings of the batch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -239,7 +239,7 @@ impl Sweep<'_> {
 
     /// Variance of a reading (counts2).
     fn variance(&self, reading: &Reading) -> f64 {
-        let largest = self.predictor.process.largest_counts;
+        let largest = self.predictor.process.largest_reading;
         let [of_all, of_load] = self.settings.reading_sd;
         (of_all * largest).powi(2) + (of_load * reading.counts.norm()).powi(2)
     }
@@ -454,10 +454,9 @@ impl Approximated {
 #[cfg(test)]
 mod tests {
     use nalgebra::{Rotation3, Vector2};
+    use whisker::space::sensor::gaussian_process::{Kernel, Process, Sample};
 
     use super::*;
-    use crate::kernel::{Kernel, Sample};
-    use crate::process::Process;
 
     /// Contacts at a radius and angle about the root, and at a height.
     fn polar(r: f64, bend: f64, z: f64) -> Vector3<f64> {
@@ -473,7 +472,7 @@ mod tests {
                     let (r, bend) = (0.015 + 0.003 * f64::from(along), 0.06 * f64::from(step));
                     let counts = Vector2::new(50.0 * f64::from(height - 1), bend * (0.03 / r).powi(3) * 1000.0);
                     let contact_m = polar(r, bend, 0.003 * f64::from(height - 1));
-                    samples.push(Sample { contact_m, counts, line: (3 * along + height) as usize });
+                    samples.push(Sample { contact_m, reading: counts, line: (3 * along + height) as usize });
                 }
             }
         }
@@ -510,7 +509,7 @@ mod tests {
             let mut readings = readings(&predictor, &[polar(0.03, 0.0, 0.0); 40]);
             for reading in &mut readings {
                 let sd =
-                    settings.reading_sd[0] * process.largest_counts + settings.reading_sd[1] * reading.counts.norm();
+                    settings.reading_sd[0] * process.largest_reading + settings.reading_sd[1] * reading.counts.norm();
                 reading.counts += Vector2::repeat(error * sd);
             }
             contacts(&predictor, &Vector3::zeros(), &readings, &settings)

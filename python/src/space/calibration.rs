@@ -45,10 +45,11 @@ pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResul
 ///
 /// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on the
 /// centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker. Each is
-/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space, `polynomial` and
-/// `rod`; by default all. `noise_sd_n_m` is the standard deviation of the noise in the readings. `real_sensor` states
-/// that the readings are those of a real sensor: `recommended` then considers that contacts may stick to objects by friction, and that
-/// the mounting may deviate from that of the calibration.
+/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space, `polynomial`,
+/// `rod` and `gaussian-process`; by default `polynomial` and `rod` or, with `real_sensor`, `polynomial` and `gaussian-process`, whose
+/// fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings. `real_sensor` states that the
+/// readings are those of a real sensor: `recommended` then considers that contacts may stick to objects by friction, and that the
+/// mounting may deviate from that of the calibration.
 ///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]
@@ -62,11 +63,16 @@ pub(crate) fn fit_spatial_calibration(
     real_sensor: bool,
 ) -> PyResult<SpatialCalibration> {
     check_not_negative("noise_sd_n_m", noise_sd_n_m)?;
-    let candidates: Vec<&SpatialModelRow> = match &models {
+    let rows: Vec<&SpatialModelRow> = match &models {
         None => SPATIAL_MODELS.iter().collect(),
         Some(names) => names.iter().map(|name| spatial_model(name).map_err(raised)).collect::<PyResult<_>>()?,
     };
-    if candidates.is_empty() {
+    let settings = |row: &SpatialModelRow| {
+        let compared = (row.candidates)(real_sensor);
+        // A model that is named is fitted in any case.
+        if compared.is_empty() && models.is_some() { vec![(row.defaults)()] } else { compared }
+    };
+    if rows.is_empty() {
         return Err(refused("models", "none", "at least one name of a sensor model"));
     }
     let lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
@@ -80,8 +86,8 @@ pub(crate) fn fit_spatial_calibration(
         real_sensor,
     };
     let (mut fits, mut reasons) = (Vec::new(), Vec::new());
-    for row in candidates {
-        for config in (row.candidates)() {
+    for row in rows {
+        for config in settings(row) {
             match py.detach(|| sensor::fit(row, &config, &data)) {
                 Ok(fit) => fits.push(fit),
                 Err(ModelError::Data(reason)) => reasons.push(format!("{} {config}: {reason}", row.kind)),

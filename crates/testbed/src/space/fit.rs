@@ -1,6 +1,7 @@
 //! Fit of sensor models in space: calibration traces to calibration files of format 2.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -56,14 +57,16 @@ struct Candidate {
     config: Value,
 }
 
-fn candidates(models: &Models) -> anyhow::Result<Vec<Candidate>> {
+/// The sensor models to be fitted, given whether the sensor is a real one.
+fn candidates(models: &Models, real_sensor: bool) -> anyhow::Result<Vec<Candidate>> {
     let candidate = |row: &'static SpatialModelRow, own: &Value| -> anyhow::Result<Candidate> {
         Ok(Candidate { row, config: merged((row.defaults)(), own)? })
     };
     match models {
         Models::Auto => {
-            let all = SPATIAL_MODELS.iter().flat_map(|row| (row.candidates)().into_iter().map(move |own| (row, own)));
-            all.map(|(row, own)| candidate(row, &own)).collect()
+            let of_row =
+                |row: &'static SpatialModelRow| (row.candidates)(real_sensor).into_iter().map(move |own| (row, own));
+            SPATIAL_MODELS.iter().flat_map(of_row).map(|(row, own)| candidate(row, &own)).collect()
         }
         Models::One { kind, config } => Ok(vec![candidate(sensor::spatial_model(kind)?, config)?]),
     }
@@ -80,26 +83,38 @@ pub fn fit(
     out: &Path,
     progress: &ProgressBar,
 ) -> anyhow::Result<Vec<SpatialFitted>> {
-    let candidates = candidates(&settings.models)?;
     let front_end = SpatialFrontEnd::new(&settings.front_end)?;
-    let mut whiskers: BTreeMap<String, Vec<SpatialTrace>> = BTreeMap::new();
+    let mut whiskers: BTreeMap<String, Subject> = BTreeMap::new();
     for path in &dataset.paths {
         let sidecar = SpatialSidecar::read(path)?;
-        if sidecar.role == Role::Calibration {
-            whiskers.entry(sidecar.whisker.name).or_default().push(SpatialTrace::read(path)?);
+        if sidecar.role != Role::Calibration {
+            continue;
         }
+        let subject = match whiskers.entry(sidecar.whisker.name) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => {
+                let candidates = candidates(&settings.models, sidecar.recorded.is_some())?;
+                new.insert(Subject { candidates, traces: Vec::new() })
+            }
+        };
+        subject.traces.push(SpatialTrace::read(path)?);
     }
     if whiskers.is_empty() {
         bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Calibration.name());
     }
-    progress.set_length((whiskers.len() * candidates.len()) as u64);
-    let fit = WhiskerFit { candidates: &candidates, front_end: &front_end, settings, out, progress };
-    whiskers.values().map(|traces| fit.run(traces)).collect()
+    progress.set_length(whiskers.values().map(|subject| subject.candidates.len() as u64).sum());
+    let fit = WhiskerFit { front_end: &front_end, settings, out, progress };
+    whiskers.values().map(|subject| fit.run(subject)).collect()
 }
 
-/// Fit of a whisker: candidates, front end and settings, which are the same for all whiskers of a dataset.
+/// Calibration traces of a whisker, and the sensor models that suit them.
+struct Subject {
+    candidates: Vec<Candidate>,
+    traces: Vec<SpatialTrace>,
+}
+
+/// Fit of a whisker: front end and settings, which are the same for all whiskers of a dataset.
 struct WhiskerFit<'a> {
-    candidates: &'a [Candidate],
     front_end: &'a SpatialFrontEnd,
     settings: &'a SpatialFitSettings,
     /// Folder of the calibrations.
@@ -109,8 +124,8 @@ struct WhiskerFit<'a> {
 
 impl WhiskerFit<'_> {
     /// Fits the whisker of some traces, unless an up-to-date calibration is there.
-    fn run(&self, traces: &[SpatialTrace]) -> anyhow::Result<SpatialFitted> {
-        let Self { candidates, front_end, settings, out, progress } = *self;
+    fn run(&self, Subject { candidates, traces }: &Subject) -> anyhow::Result<SpatialFitted> {
+        let Self { front_end, settings, out, progress } = *self;
         let first = &traces[0].sidecar;
         let whisker = first.spatial_whisker();
         if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {

@@ -10,10 +10,12 @@ mod coordinates;
 mod domain;
 mod error;
 mod fit;
+pub mod gaussian_process;
 mod geometry;
 mod polynomial;
 mod rod;
 mod table;
+mod tabulated;
 
 use std::fmt::Debug;
 use std::sync::{Arc, OnceLock};
@@ -138,8 +140,9 @@ pub struct SpatialModelRow {
     pub about: &'static str,
     /// Default settings.
     pub defaults: fn() -> Value,
-    /// Settings that a calibration compares to select the best model.
-    pub candidates: fn() -> Vec<Value>,
+    /// Settings that a calibration compares to select the best model, given whether the sensor is a real one
+    /// ([`SpatialFitData::real_sensor`]). None if the model does not suit such a calibration.
+    pub candidates: fn(bool) -> Vec<Value>,
     /// Fits the model to the lines of a calibration.
     pub fit: FitLines,
     /// Loads a model stored by [`SpatialModel::to_json`].
@@ -163,6 +166,14 @@ pub static SPATIAL_MODELS: &[SpatialModelRow] = &[
         candidates: rod::candidates,
         fit: rod::fit,
         load: rod::load,
+    },
+    SpatialModelRow {
+        kind: gaussian_process::KIND,
+        about: "Gaussian process with errors of the calibration's lines, as by friction and hysteresis of real sensors",
+        defaults: gaussian_process::defaults,
+        candidates: gaussian_process::candidates,
+        fit: gaussian_process::fit,
+        load: gaussian_process::load,
     },
 ];
 

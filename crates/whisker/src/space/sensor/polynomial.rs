@@ -115,7 +115,7 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
 }
 
-pub(super) fn candidates() -> Vec<Value> {
+pub(super) fn candidates(_: bool) -> Vec<Value> {
     vec![json!({ "degree": 3 }), json!({ "degree": 5 })]
 }
 

@@ -3,13 +3,13 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A contact of a pin and the reading there.
+/// A contact and the reading there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Contact in the frame of the sensor (m), 3x1.
+    /// Contact, in a frame fixed to the sensor (m), 3x1.
     pub contact_m: Vector3<f64>,
-    /// Both bending channels above rest (counts), 2x1.
-    pub counts: Vector2<f64>,
+    /// Both channels above rest, 2x1. The unit is free: a process depends on the ratios of its readings only.
+    pub reading: Vector2<f64>,
     /// Index of the line on which the contact moved.
     pub line: usize,
 }
@@ -17,7 +17,7 @@ pub struct Sample {
 /// A contact with its load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Contact in the frame of the sensor (m), 3x1.
+    /// Contact, in a frame fixed to the sensor (m), 3x1.
     pub contact_m: Vector3<f64>,
     /// Norm of the reading over the largest of the calibration.
     pub load: f64,
@@ -28,6 +28,7 @@ pub struct Place {
 /// The reading at a contact `p` on line `i` is `m(p) + f(p) + w(y) e_i(p) + noise`: a quadratic trend `m`; the smooth map `f`; an
 /// error `e_i` of each line, which represents friction, stick-slip and hysteresis; and white noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Kernel {
     /// Correlation length of the map along each axis (m).
     pub length_m: [f64; 3],
@@ -51,25 +52,33 @@ impl Kernel {
         noise: [0.0012, 0.002],
     };
 
+    /// Whether the numbers are finite, and the lengths positive.
+    pub(super) fn is_valid(&self) -> bool {
+        let Self { length_m, map_sd, line, line_length_m, noise } = *self;
+        let mut lengths = length_m.into_iter().chain([line_length_m]);
+        let mut sds = [map_sd].into_iter().chain(line).chain(noise);
+        lengths.all(|length_m| length_m.is_finite() && length_m > 0.0) && sds.all(f64::is_finite)
+    }
+
     /// Correlation of a line's error between two contacts `distance_m` apart: Matern, of order 5/2.
-    pub(crate) fn along(&self, distance_m: f64) -> f64 {
+    pub(super) fn along(&self, distance_m: f64) -> f64 {
         let r = 5.0_f64.sqrt() * distance_m / self.line_length_m;
         (1.0 + r + r * r / 3.0) * (-r).exp()
     }
 
     /// Covariance of the map between two contacts, over `R^2`.
-    pub(crate) fn map(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    pub(super) fn map(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
         let square: f64 = (0..3).map(|axis| ((a[axis] - b[axis]) / self.length_m[axis]).powi(2)).sum();
         self.map_sd.powi(2) * (-0.5 * square).exp()
     }
 
     /// Standard deviation of a line's error at a load, over `R`.
-    pub(crate) fn line_sd(&self, load: f64) -> f64 {
+    pub fn line_sd(&self, load: f64) -> f64 {
         self.line[0].hypot(self.line[1] * load)
     }
 
     /// Variance of the noise at a load, over `R^2`.
-    pub(crate) fn noise_variance(&self, load: f64) -> f64 {
+    pub fn noise_variance(&self, load: f64) -> f64 {
         self.noise[0].powi(2) + (self.noise[1] * load).powi(2)
     }
 }

@@ -1,12 +1,11 @@
 //! Gaussian process from a contact to both readings (Rasmussen and Williams, "Gaussian Processes for Machine
 //! Learning", 2006, chapter 2; predictions on held-out groups of samples by section 5.4.2).
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Vector2, Vector3};
 
-use crate::kernel::{Kernel, Place, Sample};
-
-/// Terms of the quadratic trend.
-const TERMS: usize = 10;
+use super::kernel::{Kernel, Place, Sample};
+use super::mean::{Mean, expected};
+use super::trend::Trend;
 
 /// Residual of a sample, predicted from all others, over its standard deviation, beyond which it is left out as an outlier: the
 /// pin slipped off, or the wire jumped to another equilibrium.
@@ -22,8 +21,8 @@ pub struct Process {
     pub kernels: [Kernel; 2],
     /// Samples of the fit.
     pub samples: Vec<Sample>,
-    /// Largest reading of a channel, `R` (counts).
-    pub largest_counts: f64,
+    /// Largest reading of a channel, `R`.
+    pub largest_reading: f64,
     places: Vec<Place>,
     /// Factor on the predicted covariance of each channel, by which held-out lines agree with it.
     inflation: [f64; 2],
@@ -33,123 +32,39 @@ pub struct Process {
     weights: [DVector<f64>; 2],
 }
 
-/// The quadratic trend, over `R`.
-#[derive(Clone, Debug)]
-struct Trend {
-    center_m: Vector3<f64>,
-    scale_m: Vector3<f64>,
-    coefficients: SMatrix<f64, TERMS, 2>,
-}
-
-impl Trend {
-    fn scaled(&self, contact_m: &Vector3<f64>) -> Vector3<f64> {
-        (contact_m - self.center_m).component_div(&self.scale_m)
-    }
-
-    fn terms(u: &Vector3<f64>) -> SVector<f64, TERMS> {
-        let [x, y, z] = (*u).into();
-        SVector::from([1.0, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
-    }
-
-    fn slopes(u: &Vector3<f64>) -> SMatrix<f64, TERMS, 3> {
-        let [x, y, z] = (*u).into();
-        SMatrix::<f64, 3, TERMS>::from_column_slice(&[
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            2.0 * x,
-            0.0,
-            0.0,
-            0.0,
-            2.0 * y,
-            0.0,
-            0.0,
-            0.0,
-            2.0 * z,
-            y,
-            x,
-            0.0,
-            0.0,
-            z,
-            y,
-            z,
-            0.0,
-            x,
-        ])
-        .transpose()
-    }
-
-    fn new(samples: &[Sample], largest: f64) -> Option<Self> {
-        let fold = |pick: fn(f64, f64) -> f64, from: f64| {
-            Vector3::from_fn(|axis, _| samples.iter().map(|sample| sample.contact_m[axis]).fold(from, pick))
-        };
-        let (low, high) = (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY));
-        let mut trend =
-            Self { center_m: (low + high) * 0.5, scale_m: (high - low) * 0.5, coefficients: SMatrix::zeros() };
-        let mut square = SMatrix::<f64, TERMS, TERMS>::zeros();
-        let mut mixed = SMatrix::<f64, TERMS, 2>::zeros();
-        for sample in samples {
-            let terms = Self::terms(&trend.scaled(&sample.contact_m));
-            square += terms * terms.transpose();
-            mixed += terms * sample.counts.transpose() / largest;
-        }
-        trend.coefficients = square.cholesky()?.solve(&mixed);
-        Some(trend)
-    }
-
-    fn at(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
-        let u = self.scaled(contact_m);
-        let mut slopes = self.coefficients.tr_mul(&Self::slopes(&u));
-        for axis in 0..3 {
-            slopes.column_mut(axis).scale_mut(1.0 / self.scale_m[axis]);
-        }
-        (self.coefficients.tr_mul(&Self::terms(&u)), slopes)
-    }
-}
-
 /// Residual of a held-out sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
     /// Index of the sample.
     pub sample: usize,
-    /// Reading minus prediction (counts), 2x1.
+    /// Reading minus prediction, 2x1.
     pub error: Vector2<f64>,
-    /// Predicted standard deviation of each (counts), 2x1.
+    /// Predicted standard deviation of each, 2x1.
     pub sd: Vector2<f64>,
 }
 
 impl Process {
     /// Fits a process to samples. `None` if their covariance is singular.
     pub fn new(samples: &[Sample], kernels: [Kernel; 2]) -> Option<Self> {
-        let largest_counts = samples.iter().map(|sample| sample.counts.amax()).fold(0.0, f64::max);
-        let trend = Trend::new(samples, largest_counts)?;
+        let largest_reading = samples.iter().map(|sample| sample.reading.amax()).fold(0.0, f64::max);
+        let trend = Trend::new(samples, largest_reading)?;
         let place =
-            |sample: &Sample| Place { contact_m: sample.contact_m, load: sample.counts.norm() / largest_counts };
+            |sample: &Sample| Place { contact_m: sample.contact_m, load: sample.reading.norm() / largest_reading };
         let places: Vec<Place> = samples.iter().map(place).collect();
         let solve = |channel: usize| {
             let kernel = &kernels[channel];
             let covariance = covariance(samples, &places, kernel);
             let inverse = covariance.cholesky()?.inverse();
             let deviation =
-                |i: usize| samples[i].counts[channel] / largest_counts - trend.at(&samples[i].contact_m).0[channel];
+                |i: usize| samples[i].reading[channel] / largest_reading - trend.at(&samples[i].contact_m).0[channel];
             let weights = &inverse * DVector::from_fn(samples.len(), |i, _| deviation(i));
             Some((inverse, weights))
         };
-        let (first, second) = rayon::join(|| solve(0), || solve(1));
-        let ((first, first_weights), (second, second_weights)) = (first?, second?);
+        let ((first, first_weights), (second, second_weights)) = (solve(0)?, solve(1)?);
         Some(Self {
             kernels,
             samples: samples.to_vec(),
-            largest_counts,
+            largest_reading,
             places,
             inflation: [1.0; 2],
             trend,
@@ -214,11 +129,21 @@ impl Process {
             }
             found.extend(own.iter().map(|&i| HeldOut {
                 sample: rows[i],
-                error: Vector2::new(of_channel[0].0[i], of_channel[1].0[i]) * self.largest_counts,
-                sd: Vector2::from_fn(|channel, _| of_channel[channel].1[(i, i)].max(0.0).sqrt()) * self.largest_counts,
+                error: Vector2::new(of_channel[0].0[i], of_channel[1].0[i]) * self.largest_reading,
+                sd: Vector2::from_fn(|channel, _| of_channel[channel].1[(i, i)].max(0.0).sqrt()) * self.largest_reading,
             }));
         }
         Some(found)
+    }
+
+    /// The expected readings, without what their covariances need.
+    pub(super) fn mean(&self) -> Mean {
+        Mean {
+            kernels: self.kernels,
+            trend: self.trend.clone(),
+            contacts_m: self.samples.iter().map(|sample| sample.contact_m).collect(),
+            weights: self.weights.each_ref().map(|weights| weights.as_slice().to_vec()),
+        }
     }
 
     /// The predictor from all samples.
@@ -316,7 +241,7 @@ impl Predictor<'_> {
         self.samples().map(|sample| (sample.contact_m - contact_m).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
     }
 
-    /// Expected reading (counts), and its derivatives by the contact (counts/m), 2x3.
+    /// Expected reading, 2x1, and its derivatives by the contact (per m), 2x3.
     pub fn predict(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let [(first, first_slopes), (second, second_slopes)] =
             [0, 1].map(|channel| self.predict_channel(channel, contact_m));
@@ -329,20 +254,10 @@ impl Predictor<'_> {
     /// If there is no such channel.
     pub fn predict_channel(&self, channel: usize, contact_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let process = self.process;
-        let (readings, all_slopes) = process.trend.at(contact_m);
-        let (mut reading, mut slopes) = (readings[channel], all_slopes.row(channel).transpose());
-        let kernel = &process.kernels[channel];
-        for (i, sample) in process.places.iter().enumerate() {
-            if !self.is_kept[i] {
-                continue;
-            }
-            let part = self.weights[channel][i] * kernel.map(contact_m, &sample.contact_m);
-            reading += part;
-            for axis in 0..3 {
-                slopes[axis] += part * (sample.contact_m[axis] - contact_m[axis]) / kernel.length_m[axis].powi(2);
-            }
-        }
-        (reading * process.largest_counts, slopes * process.largest_counts)
+        let weighted = process.samples.iter().zip(&self.weights[channel]).zip(&self.is_kept);
+        let kept = weighted.filter(|(_, is_kept)| **is_kept).map(|((sample, weight), _)| (sample.contact_m, *weight));
+        let (reading, slopes) = expected(&process.trend, &process.kernels[channel], channel, kept, contact_m);
+        (reading * process.largest_reading, slopes * process.largest_reading)
     }
 
     /// Standard deviation of the map of a channel at a contact given the calibration, over the largest reading.
@@ -351,11 +266,11 @@ impl Predictor<'_> {
         let place = Place { contact_m: *contact_m, load: 0.0 };
         let own = kernel.line_sd(0.0).powi(2) + kernel.noise_variance(0.0);
         let inflation = self.process.inflation[channel];
-        let all = self.covariance(channel, &[place])[(0, 0)] / (inflation * self.process.largest_counts.powi(2));
+        let all = self.covariance(channel, &[place])[(0, 0)] / (inflation * self.process.largest_reading.powi(2));
         (inflation * (all - own).max(0.0)).sqrt()
     }
 
-    /// Covariance of the errors of one channel at several contacts of one touch (counts2): of the map given the
+    /// Covariance of the errors of one channel at several contacts of one touch: of the map given the
     /// calibration, of the touch's own line, and noise.
     pub fn covariance(&self, channel: usize, at: &[Place]) -> DMatrix<f64> {
         let process = self.process;
@@ -377,22 +292,22 @@ impl Predictor<'_> {
             kernel.map(&a.contact_m, &b.contact_m) + kernel.line_sd(a.load) * kernel.line_sd(b.load) * along + noise
         };
         (DMatrix::from_fn(at.len(), at.len(), prior) - explained)
-            * (process.inflation[channel] * process.largest_counts.powi(2))
+            * (process.inflation[channel] * process.largest_reading.powi(2))
     }
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
 
     /// Readings of a smooth map.
-    pub(crate) fn reading(contact_m: &Vector3<f64>) -> Vector2<f64> {
+    fn reading(contact_m: &Vector3<f64>) -> Vector2<f64> {
         let [x, y, z] = (contact_m * 100.0).into();
         Vector2::new(900.0 * z * (1.0 + 0.3 * x), 1500.0 * y * (1.0 - 0.4 * x + 0.2 * x * x) + 60.0 * z * z)
     }
 
     /// Contacts on lines that leave an undeflected wire along x.
-    pub(crate) fn samples() -> Vec<Sample> {
+    fn samples() -> Vec<Sample> {
         let mut samples = Vec::new();
         for along in 0..7 {
             for height in 0..5 {
@@ -400,7 +315,7 @@ pub(crate) mod tests {
                     let [x, z] = [-0.01 - 0.005 * f64::from(along), 0.004 * f64::from(height - 2)];
                     let contact_m = Vector3::new(x, -0.002 * f64::from(step), z);
                     let line = (5 * along + height) as usize;
-                    samples.push(Sample { contact_m, counts: reading(&contact_m), line });
+                    samples.push(Sample { contact_m, reading: reading(&contact_m), line });
                 }
             }
         }
@@ -431,10 +346,10 @@ pub(crate) mod tests {
         let mut fitted = Process::new(&kept, [Kernel::START; 2]).unwrap();
         // The trend is that of all samples, as for the residuals on held-out lines.
         fitted.trend = process.trend.clone();
-        fitted.largest_counts = process.largest_counts;
+        fitted.largest_reading = process.largest_reading;
         for channel in 0..2 {
             let deviation = |i: usize| {
-                kept[i].counts[channel] / process.largest_counts - process.trend.at(&kept[i].contact_m).0[channel]
+                kept[i].reading[channel] / process.largest_reading - process.trend.at(&kept[i].contact_m).0[channel]
             };
             fitted.weights[channel] = &fitted.inverse[channel] * DVector::from_fn(kept.len(), |i, _| deviation(i));
         }
@@ -446,7 +361,7 @@ pub(crate) mod tests {
             .unwrap();
         for found in held.iter().filter(|found| process.samples[found.sample].line == 5) {
             let sample = &process.samples[found.sample];
-            assert!((sample.counts - found.error - one.predict(&sample.contact_m).0).norm() < 1e-4);
+            assert!((sample.reading - found.error - one.predict(&sample.contact_m).0).norm() < 1e-4);
         }
         for channel in 0..2 {
             let [a, b] = [&one, &other].map(|predictor| predictor.covariance(channel, &[place])[(0, 0)]);
@@ -470,7 +385,7 @@ pub(crate) mod tests {
     #[test]
     fn robust_readings_of_a_pin_that_slipped_off_are_left_out() {
         let mut damaged = samples();
-        damaged[100].counts = Vector2::zeros();
+        damaged[100].reading = Vector2::zeros();
         let (process, outliers) = Process::robust(&damaged, [Kernel::START; 2]).unwrap();
         assert_eq!((process.samples.len(), outliers), (damaged.len() - 1, 1));
     }

@@ -1,0 +1,321 @@
+//! Gaussian process from a contact to both bending moments, for readings of real sensors.
+//!
+//! A reading is the sum of a quadratic trend, a Gaussian process of the contact, an error common to each line of the calibration
+//! and white noise. The error of a line represents friction, stick-slip and hysteresis, which no function of the contact contains:
+//! without it, their readings would bend the map. Correlation lengths and standard deviations are those that predict held-out lines
+//! best, and samples that all others contradict are left out. Nothing is assumed about the mechanics of the whisker.
+//!
+//! The expected reading is a sum over all samples. It is tabulated over the calibrated domain, so that a prediction takes the same
+//! time for any number of samples.
+//!
+//! | module | contents |
+//! | --- | --- |
+//! | `kernel` | covariance of the readings: map, error of a line, noise |
+//! | `trend` | the quadratic trend |
+//! | `process` | fit to samples, predictions with their covariance, held-out lines |
+//! | `mean` | expected readings |
+//! | `selection` | selection of the covariance |
+
+mod kernel;
+mod mean;
+mod process;
+mod selection;
+mod trend;
+
+use std::fmt;
+
+use nalgebra::{Matrix2x3, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::tabulated::Tabulated;
+use super::{
+    Around, Axis, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
+};
+use crate::frames::Base;
+use crate::sensor::ModelError;
+use crate::settings::typed;
+use crate::space::frames::Point;
+use mean::Mean;
+
+pub use kernel::{Kernel, Place, Sample};
+pub use process::{HeldOut, Predictor, Process, neighbours};
+pub use selection::selected;
+
+pub(super) const KIND: &str = "gaussian-process";
+
+/// Smallest number of samples that a process is fitted to.
+pub const LEAST_SAMPLES: usize = 100;
+
+/// Largest number of samples that can be configured and stored: the fit keeps a few square matrices of this size.
+const MOST_SAMPLES: usize = 10_000;
+
+/// Settings of the fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Config {
+    /// Largest number of samples of the fit, whose time grows with the third power. Of more samples, an evenly spaced part is taken.
+    most_samples: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { most_samples: 2000 }
+    }
+}
+
+/// The stored model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stored {
+    kind: String,
+    /// Largest reading of a channel among the samples.
+    largest_reading_n_m: f64,
+    mean: Mean,
+}
+
+impl Stored {
+    /// Expected bending moments at a contact (N m), 2x1.
+    fn reading_n_m(&self, contact: Point<Base>) -> Vector2<f64> {
+        self.mean.at(&contact.vector()).0 * self.largest_reading_n_m
+    }
+}
+
+/// A fitted process, its expected readings tabulated.
+struct GaussianProcess {
+    stored: Stored,
+    tabulated: Tabulated,
+}
+
+impl GaussianProcess {
+    fn new(region: &SpatialRegion<'_>, stored: Stored) -> Self {
+        let reading = |contact, _: Option<()>| Some((stored.reading_n_m(contact), ()));
+        let tabulated = Tabulated::new(region, reading).expect("a reading of every contact");
+        Self { stored, tabulated }
+    }
+}
+
+impl fmt::Debug for GaussianProcess {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("GaussianProcess").field("kernels", &self.stored.mean.kernels).finish_non_exhaustive()
+    }
+}
+
+impl SpatialModel for GaussianProcess {
+    fn kind(&self) -> &'static str {
+        KIND
+    }
+
+    fn predict(&self, contact: Point<Base>) -> SpatialPrediction {
+        self.tabulated.predict(contact)
+    }
+
+    fn predict_around(&self, _: &Axis, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
+        self.tabulated.predict_around(at)
+    }
+
+    fn to_json(&self) -> Value {
+        serde_json::to_value(&self.stored).expect("numbers and names serialise")
+    }
+}
+
+pub(super) fn defaults() -> Value {
+    serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
+}
+
+/// Simulated contacts have none of the errors that the process models, and its fit takes much longer than that of a rod.
+pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
+    if real_sensor { vec![json!({})] } else { Vec::new() }
+}
+
+/// Evenly spaced samples of all lines, at most this many.
+fn thinned(lines: &[Vec<SpatialSample>], most: usize) -> Vec<Sample> {
+    let all = lines.iter().enumerate().flat_map(|(line, samples)| {
+        samples.iter().map(move |sample| Sample {
+            contact_m: sample.contact.vector(),
+            reading: sample.reading_n_m,
+            line,
+        })
+    });
+    let count = lines.iter().map(Vec::len).sum::<usize>();
+    let most = most.min(count);
+    // As many of the first `i` samples as their share of the largest number.
+    let kept = |i: usize| i * most / count;
+    all.enumerate().filter(|(i, _)| kept(i + 1) > kept(*i)).map(|(_, sample)| sample).collect()
+}
+
+fn singular() -> ModelError {
+    ModelError::Data("the calibration's places do not determine a Gaussian process: its covariance is singular".into())
+}
+
+pub(super) fn fit(
+    region: &SpatialRegion<'_>,
+    lines: &[Vec<SpatialSample>],
+    config: &Value,
+) -> Result<FittedSpatialModel, ModelError> {
+    let Config { most_samples } =
+        typed::<Config>(config).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    if !(LEAST_SAMPLES..=MOST_SAMPLES).contains(&most_samples) {
+        return Err(ModelError::Data(format!(
+            "`most_samples`: found {most_samples}, expected {LEAST_SAMPLES} to {MOST_SAMPLES}"
+        )));
+    }
+    let samples = thinned(lines, most_samples);
+    if samples.len() < LEAST_SAMPLES {
+        let found = samples.len();
+        return Err(ModelError::Data(format!(
+            "the calibration has only {found} places, expected at least {LEAST_SAMPLES}"
+        )));
+    }
+    let kernels = selected(&samples).ok_or_else(singular)?;
+    let (process, _) = Process::robust(&samples, kernels).ok_or_else(singular)?;
+    let stored = Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() };
+    let model = GaussianProcess::new(region, stored);
+    let lines = lines.to_vec();
+    let without = move |line: usize, heldout: &[usize]| {
+        let predictor = process.without(heldout).ok_or_else(singular)?;
+        Ok(lines[line].iter().map(|sample| predictor.predict(&sample.contact.vector()).0).collect())
+    };
+    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without) })
+}
+
+pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
+    let stored: Stored = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
+    stored.mean.check().map_err(|reason| ModelError::Data(format!("`mean`: {reason}")))?;
+    let largest_n_m = stored.largest_reading_n_m;
+    if !(largest_n_m.is_finite() && largest_n_m > 0.0) {
+        return Err(ModelError::Data(format!(
+            "`largest_reading_n_m`: found {largest_n_m}, expected a positive number"
+        )));
+    }
+    Ok(Box::new(GaussianProcess::new(region, stored)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::Whisker;
+    use crate::rod::Suspension;
+    use crate::space::sensor::{Across, SpatialDomain, SpatialWhisker};
+
+    fn whisker() -> SpatialWhisker {
+        let whisker = Whisker::curved();
+        let k = whisker.root_stiffness_n_m_rad;
+        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
+        SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 }
+    }
+
+    /// Lines of contacts in all directions, with the readings of a smooth map.
+    fn lines() -> Vec<Vec<SpatialSample>> {
+        let axis = Axis::new(&whisker().whisker, Across::Normal);
+        let line = |i: i32| {
+            let (along_m, azimuth) = (0.032 + 0.006 * f64::from(i / 8), TAU * f64::from(i % 8) / 8.0);
+            let sample = |step: i32| {
+                let away_m = 0.4 * along_m.powi(2) * f64::from(step);
+                let at = Around::new(along_m, away_m * azimuth.cos(), away_m * azimuth.sin());
+                let (u, v) = (at.left_m / along_m, at.up_m / along_m);
+                let reading_n_m = Vector2::new(-v * (1.0 + u), (2.0 * u).sin()) * 0.03;
+                SpatialSample { contact: at.contact(&axis), reading_n_m, reference_n_m: reading_n_m, count: 1.0 }
+            };
+            (0..6).map(sample).collect()
+        };
+        (0..40).map(line).collect()
+    }
+
+    fn domain() -> SpatialDomain {
+        let axis = Axis::new(&whisker().whisker, Across::Normal);
+        let around: Vec<Around> = lines().iter().flatten().map(|sample| Around::of(&axis, sample.contact)).collect();
+        SpatialDomain::covering(&around).unwrap()
+    }
+
+    fn process() -> Process {
+        Process::new(&thinned(&lines(), 200), [Kernel::START; 2]).unwrap()
+    }
+
+    fn stored() -> Stored {
+        let process = process();
+        Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() }
+    }
+
+    #[test]
+    fn val_the_table_holds_the_readings_and_derivatives_of_the_process() {
+        let (whisker, domain, process) = (whisker(), domain(), process());
+        let model = GaussianProcess::new(&SpatialRegion { whisker: &whisker, domain: &domain }, stored());
+        let axis = Axis::new(&whisker.whisker, Across::Normal);
+        for at in
+            [Around::new(0.0341, 1.5e-3, -1e-3), Around::new(0.047, -2.2e-3, 3e-3), Around::new(0.0549, 0.0, -5e-3)]
+        {
+            let contact = at.contact(&axis);
+            let (reading_n_m, gradient_n) = process.predictor().predict(&contact.vector());
+            assert_eq!(model.stored.reading_n_m(contact), reading_n_m, "{at:?}");
+            let found = model.predict(contact);
+            let error = (found.reading_n_m - reading_n_m).norm() / process.largest_reading;
+            assert!(error < 1e-4, "{at:?}: {error}");
+            let error = (found.gradient_n - gradient_n).norm() / gradient_n.norm();
+            assert!(error < 5e-3, "{at:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn verif_of_many_samples_an_evenly_spaced_part_is_taken() {
+        let lines = lines();
+        let all = thinned(&lines, 1000);
+        assert_eq!(all.len(), 240);
+        let part = thinned(&lines, 101);
+        assert_eq!(part.len(), 101);
+        let indices: Vec<usize> =
+            part.iter().map(|sample| all.iter().position(|other| other == sample).unwrap()).collect();
+        assert!(indices.windows(2).all(|pair| (2..=3).contains(&(pair[1] - pair[0]))), "{indices:?}");
+    }
+
+    #[test]
+    fn robust_too_few_samples_are_refused() {
+        let (whisker, domain) = (whisker(), domain());
+        let region = SpatialRegion { whisker: &whisker, domain: &domain };
+        let refused = |lines: &[Vec<SpatialSample>], config: Value| match fit(&region, lines, &config) {
+            Err(ModelError::Data(reason)) => reason,
+            other => panic!("{:?}", other.err()),
+        };
+        let reason = refused(&lines()[..8], json!({}));
+        assert_eq!(reason, "the calibration has only 48 places, expected at least 100");
+        let reason = refused(&lines(), json!({ "most_samples": 99 }));
+        assert_eq!(reason, "`most_samples`: found 99, expected 100 to 10000");
+        let without_readings: Vec<Vec<SpatialSample>> = lines()
+            .into_iter()
+            .map(|line| {
+                line.into_iter().map(|sample| SpatialSample { reading_n_m: Vector2::zeros(), ..sample }).collect()
+            })
+            .collect();
+        assert!(refused(&without_readings, json!({})).ends_with("its covariance is singular"));
+    }
+
+    #[test]
+    fn robust_damaged_stored_models_are_refused() {
+        let (whisker, domain) = (whisker(), domain());
+        let region = SpatialRegion { whisker: &whisker, domain: &domain };
+        let whole = serde_json::to_value(stored()).unwrap();
+        assert!(load(&region, &whole).is_ok());
+        let mut shortened = stored();
+        shortened.mean.weights[1].pop();
+        let damaged = |pointer: &str, value: f64| {
+            let mut damaged = whole.clone();
+            *damaged.pointer_mut(pointer).unwrap() = json!(value);
+            damaged
+        };
+        let cases = [
+            (
+                serde_json::to_value(shortened).unwrap(),
+                "`mean`: `weights`: found 199 numbers, expected 200 finite ones",
+            ),
+            (damaged("/largest_reading_n_m", 0.0), "`largest_reading_n_m`: found 0, expected a positive number"),
+            (damaged("/mean/kernels/0/line_length_m", 0.0), "`mean`: `kernels`: expected finite numbers, the lengths"),
+            (damaged("/mean/trend/scale_m/2", -1.0), "`mean`: `trend.center_m`, `trend.scale_m`: expected finite"),
+        ];
+        for (value, expected) in cases {
+            let reason = load(&region, &value).err().unwrap().to_string();
+            assert!(reason.contains(expected), "{reason}");
+        }
+    }
+}
