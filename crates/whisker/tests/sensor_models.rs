@@ -77,32 +77,19 @@ fn probes(whisker: &Whisker, face: Face) -> Vec<Point<Base>> {
 }
 
 #[test]
-fn val_predicts_held_out_readings_of_the_exact_whisker() {
+fn val_readings_and_tangents_are_those_of_the_exact_whisker_and_the_right_mechanics_predict_best() {
+    let mut known = 0;
     for (whisker, face) in cases() {
-        for fit in fits(&whisker, face) {
+        let (elastica, fits) = (Elastica::new(&whisker).unwrap(), fits(&whisker, face));
+        for fit in &fits {
             let face = &fit.face;
             let share = face.heldout_rms_n_m / face.largest_reading_n_m;
             let most = if face.label.starts_with("elastica") { 1e-3 } else { 4e-3 };
             assert!(share < most, "{} {:?} {}: {share}", whisker.name, face.face, face.label);
         }
-    }
-}
-
-#[test]
-fn val_the_right_mechanics_predict_best() {
-    for (whisker, face) in cases() {
-        let fits = fits(&whisker, face);
         let best = fits.iter().min_by(|a, b| a.face.heldout_rms_n_m.total_cmp(&b.face.heldout_rms_n_m)).unwrap();
         assert!(best.face.label.starts_with("elastica"), "{} {face:?}: {}", whisker.name, best.face.label);
-    }
-}
-
-#[test]
-fn val_tangents_are_those_of_the_exact_whisker() {
-    let mut known = 0;
-    for (whisker, face) in cases() {
-        let elastica = Elastica::new(&whisker).unwrap();
-        for fit in fits(&whisker, face) {
+        for fit in &fits {
             for contact in probes(&whisker, face) {
                 let Some(tangent_rad) = fit.face.model.tangent_rad(contact) else { continue };
                 let expected_rad = elastica.at_point(contact).unwrap().deflection.tangent_rad;
