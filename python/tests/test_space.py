@@ -521,7 +521,7 @@ def calibration_trace(folder: Path, rod: wc.Rod, lines: list[tuple[np.ndarray, n
 
 def test_verif_a_trial_through_a_hall_sensor_equals_the_command_to_the_bit(tmp_path, command, rod, lines, calibration, trace):
     calibration_trace(tmp_path, rod, lines)
-    subprocess.run([command, "fit", tmp_path, "--front-end", "hall"], check=True, capture_output=True)
+    subprocess.run([command, "fit", tmp_path, "--front-end", "hall", "--model", "polynomial"], check=True, capture_output=True)
     through_hall = wc.load_spatial_calibration(tmp_path / "calibrations" / "hall" / "curved.json")
     out = tmp_path / "space_estimates" / "golden_space.line.csv"
     out.parent.mkdir()
