@@ -8,6 +8,7 @@ use std::time::Duration;
 use indicatif::ProgressBar;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
+use tempfile::TempDir;
 use testbed::dataset::Dataset;
 use testbed::fit::Models;
 use testbed::front_end::{BendingAxes, FrontEndConfig};
@@ -362,11 +363,18 @@ fn robust_a_calibration_of_changed_or_other_traces_is_refused_even_if_the_run_is
     read_calibration(&copy).unwrap();
 }
 
-/// Result of a shell script as the only participant, on a folder with [`dataset`].
+/// A folder with [`dataset`], which is fitted.
 #[cfg(unix)]
-fn of_script(folder: &Path, script: &str, noise: f64) -> anyhow::Result<SpatialWritten> {
-    let dataset = dataset(folder, 9);
-    fit(&dataset, &fit_settings(), &calibrations(folder), &ProgressBar::hidden()).unwrap();
+fn fitted() -> (TempDir, Dataset) {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    (folder, dataset)
+}
+
+/// Result of a shell script as the only participant, on a fitted folder.
+#[cfg(unix)]
+fn of_script(folder: &Path, dataset: &Dataset, script: &str, noise: f64) -> anyhow::Result<SpatialWritten> {
     let path = folder.join("mine.sh");
     fs::write(&path, script).unwrap();
     let settings = SpatialEvaluateSettings {
@@ -378,7 +386,7 @@ fn of_script(folder: &Path, script: &str, noise: f64) -> anyhow::Result<SpatialW
         calibrations: None,
         programs: vec![Program::new(&format!("sh {}", path.display()), Duration::from_secs(60))?],
     };
-    evaluate_into(&folder.join("results"), &dataset, &settings, true, &ProgressBar::hidden())
+    evaluate_into(&folder.join("results"), dataset, &settings, true, &ProgressBar::hidden())
 }
 
 /// Script that keeps what it reads and answers every row of a touch with this line.
@@ -395,7 +403,7 @@ case \"$line\" in *'\"touched\":true'*) echo '{answer}';; *) echo null;; esac; d
 #[test]
 #[cfg(unix)]
 fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
-    let folder = tempfile::tempdir().unwrap();
+    let (folder, dataset) = fitted();
     let axis = Axis::new(&golden().sidecar.whisker, Across::Normal);
     let contact = Around::new(0.045, 2e-3, 1.2e-3).contact(&axis);
     let [x, y, z] = contact.vector().into();
@@ -404,7 +412,7 @@ fn verif_a_program_receives_the_sensor_model_and_its_answers_are_scored() {
          \"cov_xz_m2\": 0, \"cov_yy_m2\": 1e-8, \"cov_yz_m2\": 0, \"cov_zz_m2\": 1e-8}}",
         z + 1e-4
     );
-    let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
+    let written = of_script(folder.path(), &dataset, &answers(folder.path(), &answer), 0.01).unwrap();
     assert_eq!(written.failures, []);
     let scores = &written.summary[0];
     assert_eq!((scores.estimator.as_str(), scores.answered, scores.coverage), ("mine", Some(1.0), Some(1.0)));
@@ -453,9 +461,10 @@ fn robust_a_wrong_answer_of_a_program_in_space_fails_the_trial() {
         (format!("{{{place}, {spread}: 1e-8, \"radius_m\": 0.01}}"), "all of radius_m and radius_sd_m, or none"),
         (format!("{{{place}, {spread}: 1e-8, \"twist\": 1}}"), "unknown field `twist`"),
     ];
+    let (folder, dataset) = fitted();
     for (answer, words) in cases {
-        let folder = tempfile::tempdir().unwrap();
-        let written = of_script(folder.path(), &answers(folder.path(), &answer), 0.01).unwrap();
+        let written = of_script(folder.path(), &dataset, &answers(folder.path(), &answer), 0.01).unwrap();
+        assert!(written.is_new, "{answer}");
         let [failure] = written.failures.as_slice() else { panic!("{answer}: {:?}", written.failures) };
         assert!(failure.reason.starts_with("answer to row 5") && failure.reason.contains(words), "{}", failure.reason);
         assert_eq!((written.summary[0].answered, written.summary[0].rmse_m), (Some(0.0), None));
@@ -467,9 +476,7 @@ fn robust_a_wrong_answer_of_a_program_in_space_fails_the_trial() {
 #[test]
 #[cfg(unix)]
 fn robust_a_program_in_space_has_a_name_of_its_own_and_starts() {
-    let folder = tempfile::tempdir().unwrap();
-    let dataset = dataset(folder.path(), 9);
-    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let (_folder, dataset) = fitted();
     let run = |commands: &[&str]| {
         let program = |text: &&str| Program::new(text, Duration::from_secs(60)).unwrap();
         let settings = SpatialEvaluateSettings {
