@@ -1,6 +1,6 @@
 //! Every test: Rust, Python, end to end.
 
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::{fs, io};
 
 use crate::failure::{Failure, Outcome};
@@ -8,7 +8,7 @@ use crate::parts::{self, Part};
 use crate::pipeline;
 use crate::python::{self, Requirements};
 use crate::repository::root;
-use crate::tools::{cargo, python as python_command, run as run_command};
+use crate::tools::{cargo, python as python_command, run as run_command, start};
 
 use super::kills;
 
@@ -21,9 +21,9 @@ const KILLS: u64 = 8;
 #[rustfmt::skip]
 pub(super) const PARTS: &[Part] = &[
     Part { name: "python packages", run: || python::install(Requirements::Development) },
-    Part { name: "rust tests", run: rust_tests },
+    Part { name: "python tests, builds", run: python_tests_and_builds },
+    Part { name: "rust tests", run: || run_command(cargo(&rust_tests(&["--no-fail-fast"]))) },
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
-    Part { name: "python tests", run: || run_command(python_command(&["-m", "pytest", "-n", "auto", "sim/tests"])) },
     Part { name: "end to end", run: end_to_end },
     Part { name: "python package", run: python_package },
 ];
@@ -36,9 +36,23 @@ pub(crate) fn run() -> Outcome {
 /// Python package has no tests in Rust; it is selected for the features of its dependencies, so that it is built with the same.
 pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
 
-fn rust_tests() -> Outcome {
+/// Tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often waits for
+/// one large package, which occupies one processor.
+fn python_tests_and_builds() -> Outcome {
+    let tests = start(pytest(&["sim/tests"]))?;
+    let built = run_command(cargo(&rust_tests(&["--no-run"]))).and_then(|()| python::install_package());
+    tests.finish().and(built)
+}
+
+/// Arguments of cargo that build and run the Rust tests, with further options.
+fn rust_tests(options: &[&'static str]) -> Vec<&'static str> {
     let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
-    run_command(cargo(&[run, &TESTED, &["--no-fail-fast"]].concat()))
+    [run, &TESTED, options].concat()
+}
+
+/// A command that runs tests in Python, one process per processor. Tests of one file share a process, and with it their fixtures.
+fn pytest(arguments: &[&str]) -> Command {
+    python_command(&[&["-m", "pytest", "-n", "auto", "--dist", "loadfile"], arguments].concat())
 }
 
 fn has_nextest() -> bool {
@@ -55,19 +69,20 @@ fn end_to_end() -> Outcome {
     pipeline::fit(SUITE)?;
     pipeline::Evaluations::new(false).of(SUITE, None)?;
     pipeline::report(SUITE)?;
-    let mut command = python_command(&["-m", "pytest", "tests"]);
-    command.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
-    run_command(command)?;
-    kills::disturb(KILLS, 1)
+    let mut tests = pytest(&["tests"]);
+    tests.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
+    let tests = start(tests)?;
+    // Of the disturbed commands, those of the calibration platform hardly occupy the processor.
+    let disturbed = kills::disturb(KILLS, 1);
+    tests.finish().and(disturbed)
 }
 
 /// The Python package as installed by pip: its stubs against the running module, then its tests, which compare it with the
 /// command on the results of the end-to-end test.
 fn python_package() -> Outcome {
-    python::install_package()?;
     let stubtest = ["-m", "mypy.stubtest", "whisker_contact", "--mypy-config-file", "python/pyproject.toml"];
     run_command(python_command(&stubtest))?;
-    run_command(python_command(&["-m", "pytest", "-c", "python/pyproject.toml", "python/tests"]))
+    run_command(pytest(&["-c", "python/pyproject.toml", "python/tests"]))
 }
 
 fn remove(folder: &str) -> Outcome {
