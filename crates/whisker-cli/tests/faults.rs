@@ -330,16 +330,15 @@ fn trial(bench: &Bench, change: impl FnOnce(&mut Vec<String>)) -> Output {
 
 #[test]
 fn robust_gaps_are_accepted_and_damaged_rows_are_reported_with_their_line() {
-    let bench = Bench::new();
-    bench.good(FIT);
+    let fitted = Bench::new();
+    fitted.good(FIT);
+    let bench = fitted.copy();
     // A repeated row, rows out of order, and numbers that are not finite or too large.
     refused(&trial(&bench, |lines| lines.insert(40, lines[39].clone())), &["pin.csv:41", "t_s", "order of time"]);
-    let bench = Bench::new();
-    bench.good(FIT);
+    let bench = fitted.copy();
     refused(&trial(&bench, |lines| lines.swap(50, 51)), &["pin.csv:52", "t_s", "order of time"]);
     for wrong in ["NaN", "inf", "-Infinity", "1e999", "0x1p3", "1_0", "\"1\"5"] {
-        let bench = Bench::new();
-        bench.good(FIT);
+        let bench = fitted.copy();
         let damage = |lines: &mut Vec<String>| {
             let mut cells: Vec<&str> = lines[60].split(',').collect();
             cells[7] = wrong;
@@ -350,8 +349,7 @@ fn robust_gaps_are_accepted_and_damaged_rows_are_reported_with_their_line() {
     for (column, wrong, name, most) in
         [(7, "1e300", "moment_z_n_m", "1000"), (1, "-1e9", "base_x_m", "1000"), (3, "1e7", "base_yaw_rad", "1000000")]
     {
-        let bench = Bench::new();
-        bench.good(FIT);
+        let bench = fitted.copy();
         let damage = |lines: &mut Vec<String>| {
             let mut cells: Vec<&str> = lines[60].split(',').collect();
             cells[column] = wrong;
@@ -359,8 +357,7 @@ fn robust_gaps_are_accepted_and_damaged_rows_are_reported_with_their_line() {
         };
         refused(&trial(&bench, damage), &["pin.csv:61", name, wrong, &format!("a number of at most {most}")]);
     }
-    let bench = Bench::new();
-    bench.good(FIT);
+    let bench = fitted.copy();
     // Twenty consecutive rows and a single row are missing.
     let gap = trial(&bench, |lines| {
         lines.drain(200..220);
