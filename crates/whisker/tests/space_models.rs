@@ -132,7 +132,7 @@ fn val_the_gaussian_process_reproduces_exact_readings_and_states_its_error() {
     let face = &*PROCESS;
     let mut squares = 0.0;
     for at in between() {
-        let contact = at.contact(&face.rest);
+        let contact = at.contact(&face.axis);
         let found = face.predict(contact).expect("a calibrated contact");
         squares += (found.reading_n_m - exact(whisker, contact)).norm_squared() / (2.0 * between().len() as f64);
     }
