@@ -75,9 +75,11 @@ pub(crate) fn fit_spatial_calibration(
     if rows.is_empty() {
         return Err(refused("models", "none", "at least one name of a sensor model"));
     }
-    let lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
-    let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
-    let across = if real_sensor { Across::of(&rod.whisker.whisker, &contacts) } else { Across::Normal };
+    let mut lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
+    let mut across = Across::Normal;
+    if real_sensor {
+        (across, _) = sensor::unambiguous(&rod.whisker.whisker, &mut lines);
+    }
     let data = SpatialFitData {
         whisker: &rod.whisker,
         lines: &lines,

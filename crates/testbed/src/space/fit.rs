@@ -14,7 +14,7 @@ use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSid
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{
-    self, Across, Axis, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
+    self, Across, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
 };
 
 use super::{largest_reading_n_m, to_base};
@@ -173,9 +173,7 @@ impl WhiskerFit<'_> {
         }
         let (mut across, mut ambiguous) = (Across::Normal, 0);
         if is_recorded {
-            let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
-            across = Across::of(&whisker.whisker, &contacts);
-            ambiguous = leave_out_ambiguous(&Axis::new(&whisker.whisker, across), &mut lines);
+            (across, ambiguous) = sensor::unambiguous(&whisker.whisker, &mut lines);
         }
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
@@ -234,16 +232,6 @@ fn fits(
         bail!("no sensor model can be fitted: {}", failed[0].0);
     }
     Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
-}
-
-/// Leaves out contacts whose coordinates about the undeflected whisker are not unique, as under large deflections of a real
-/// whisker. Returns their number.
-fn leave_out_ambiguous(axis: &Axis, lines: &mut Vec<Vec<SpatialSample>>) -> usize {
-    let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
-    let all = count(lines);
-    lines.iter_mut().for_each(|line| line.retain(|sample| axis.is_unique(sample.contact)));
-    lines.retain(|line| !line.is_empty());
-    all - count(lines)
 }
 
 /// Smallest interval between two rows that ends a line of contacts, in sampling periods.

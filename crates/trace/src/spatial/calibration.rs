@@ -43,7 +43,7 @@ pub struct SpatialCalibrationFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<SpatialFrontEndFile>,
     /// Whether the traces are recordings of a real sensor.
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub real_sensor: bool,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
@@ -94,10 +94,6 @@ impl SpatialModelFile {
             model: calibrated.model.to_json(),
         }
     }
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
 }
 
 fn models_sha256(domain: &SpatialDomain, models: &[SpatialModelFile]) -> String {
@@ -240,6 +236,11 @@ impl SpatialCalibrationFile {
         if !self.domain.is_valid(self.whisker.length_m) {
             let expected = "evenly spaced nodes along the whisker, with distances from 0 to its length";
             return Err(Error::value(path, "domain", format!("{:?}", self.domain), expected));
+        }
+        if !self.domain.axis(&self.whisker).is_usable() {
+            let expected =
+                "a whisker that turns by less than a right angle from the line from root to tip, or no such key";
+            return Err(Error::value(path, "domain.across", format!("{:?}", self.domain.across), expected));
         }
         if !(self.largest_reading_n_m.is_finite() && self.largest_reading_n_m > 0.0) {
             return Err(Error::value(path, "largest_reading_n_m", self.largest_reading_n_m, "a positive number"));

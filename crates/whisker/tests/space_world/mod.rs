@@ -51,7 +51,7 @@ pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
     let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
     let axis = Axis::new(&whisker, Across::Normal);
     let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
-    let domain = SpatialDomain::covering(&samples).unwrap();
+    let domain = SpatialDomain::covering(&samples, Across::Normal).unwrap();
     let stored = json!({"kind": "rod", "parameters": parameters.collect::<Vec<_>>()});
     let model = (spatial_model("rod").unwrap().load)(&SpatialRegion { whisker: &whisker, domain: &domain }, &stored);
     let calibrated = CalibratedSpace {

@@ -46,7 +46,7 @@ fn python_tests_and_builds() -> Outcome {
 
 /// Arguments of cargo that build and run the Rust tests, with further options.
 fn rust_tests(options: &[&'static str]) -> Vec<&'static str> {
-    let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--lib", "--bins", "--tests"] };
+    let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--tests"] };
     [run, &TESTED, options].concat()
 }
 

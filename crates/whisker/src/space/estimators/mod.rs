@@ -236,7 +236,7 @@ pub struct SpatialEstimatorRow {
 pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
-        about: "average over the fits of rods, spheres and surfaces of two curvatures, weighted by their evidence",
+        about: "average over the fits of rods, spheres and surfaces of two curvatures, and of contacts at rest on real sensors, weighted by their evidence",
         kind: Kind::Average,
     },
     SpatialEstimatorRow {

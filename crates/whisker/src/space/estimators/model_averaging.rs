@@ -40,12 +40,8 @@ struct Candidate {
     /// Prior probability, relative to the others.
     weight: f64,
     /// Whether the candidate counts only for real sensors ([`crate::space::sensor::CalibratedSpace::real_sensor`]).
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     real_sensors_only: bool,
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
 }
 
 /// Settings.
@@ -67,7 +63,7 @@ pub(super) struct Config {
     mounting: Option<Mounting>,
 }
 
-/// Deviations of the mounting, with the standard deviations of `installed` in the plane.
+/// Deviations of the mounting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Mounting {
@@ -93,7 +89,8 @@ impl Mounting {
 }
 
 impl Default for Config {
-    /// Weights and factor were chosen on random scenes in space that are not reported.
+    /// The weights of the objects along which a contact slides and the factor were chosen on random scenes in space that are not
+    /// reported. A contact at rest has the weight of a rod; the mounting has the deviations of `installed`, a candidate in the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),
@@ -118,6 +115,13 @@ impl Settings for Config {
     fn validate(&self) -> Result<(), SettingsError> {
         let weighted = self.candidates.iter().map(|candidate| (candidate.name.as_str(), candidate.weight));
         check(&weighted.collect::<Vec<_>>(), MOST_MODELS)?;
+        if self.candidates.iter().all(|candidate| candidate.real_sensors_only) {
+            let names: Vec<&str> = self.candidates.iter().map(|candidate| candidate.name.as_str()).collect();
+            let found = format!("only candidates for real sensors ({})", names.join(", "));
+            return Err(SettingsError::Parse(format!(
+                "`{CANDIDATES}`: found {found}, expected one for all sensors too"
+            )));
+        }
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         self.doubt.validate()?;
@@ -251,16 +255,22 @@ impl Average {
         let is_contradicted = |(estimate, _): &&(&Estimate, f64)| estimate.model_doubtful == Some(true);
         let contradicted: f64 = parts.iter().filter(is_contradicted).map(|(_, share)| share).sum();
         let contact = leading.contact.shifted(place.mean);
-        let mut covariance_m2 = place.covariance * self.config.covariance_factor;
+        let mean_normal = (leading.normal + normal.mean).normalize();
+        let mut direction = direction(&parts);
+        let [mut covariance_m2, mut normal_covariance] =
+            [place.covariance, normal.covariance].map(|covariance| covariance * self.config.covariance_factor);
         if let Some(mounting) = &self.mounting {
             covariance_m2 += mounting.covariance_m2(&contact.vector());
+            let across = Matrix3::identity() - mean_normal * mean_normal.transpose();
+            normal_covariance += across * mounting.turn_sd_rad.powi(2);
+            direction = direction.map(|one| Direction { sd_rad: one.sd_rad.hypot(mounting.turn_sd_rad), ..one });
         }
         Some(Estimate {
             contact,
             covariance_m2,
-            normal: (leading.normal + normal.mean).normalize(),
-            normal_covariance: normal.covariance * self.config.covariance_factor,
-            direction: direction(&parts),
+            normal: mean_normal,
+            normal_covariance,
+            direction,
             radius: radius.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
             models: Some(ModelShares::new(self.names.iter().copied().zip(shares))),

@@ -62,14 +62,19 @@ impl Axis {
         &self.rest
     }
 
-    /// Whether the contact has unique coordinates, not beyond the tip.
+    /// Whether contacts have coordinates: across the chord, only if the whisker turns by less than a right angle from it.
+    pub fn is_usable(&self) -> bool {
+        self.chord.is_none_or(|chord| self.rest.advances_along(chord))
+    }
+
+    /// Whether the contact has unique coordinates, displaced from a point between root and tip.
     pub fn is_unique(&self, contact: Point<Base>) -> bool {
         let at = Around::of(self, contact);
-        let is_near = match self.chord {
-            None => at.away_m() * self.rest.largest_curvature_per_m() < 1.0,
-            Some(chord) => self.rest.advances_along(chord),
-        };
-        is_near && at.along_m <= self.rest.length_m() && at.contact(self).distance(&contact) < UNIQUE_M
+        let is_near = self.chord.is_some() || at.away_m() * self.rest.largest_curvature_per_m() < 1.0;
+        self.is_usable()
+            && is_near
+            && (0.0..=self.rest.length_m()).contains(&at.along_m)
+            && at.contact(self).distance(&contact) < UNIQUE_M
     }
 }
 
@@ -140,7 +145,7 @@ impl Around {
         self.left_m.hypot(self.up_m)
     }
 
-    /// Direction of the displacement about the whisker's tangent: 0 to the left, a quarter turn upwards.
+    /// Direction of the displacement about the whisker: 0 to the left, a quarter turn upwards.
     pub fn azimuth_rad(self) -> f64 {
         self.up_m.atan2(self.left_m)
     }
@@ -201,11 +206,13 @@ mod tests {
         assert_eq!(Across::of(&whisker, &[far]), Across::Chord);
         let near = Around::new(0.045, 5e-3, 1e-3).contact(&normal);
         assert_eq!(Across::of(&whisker, &[near]), Across::Normal);
-        let beyond = Around::new(0.054, 0.0, 0.0).contact(&chord);
-        assert!(!normal.is_unique(beyond) && !chord.is_unique(beyond));
+        for along_m in [-1e-3, 0.054] {
+            let beyond = Around::new(along_m, 0.0, 0.0).contact(&chord);
+            assert!(!normal.is_unique(beyond) && !chord.is_unique(beyond), "{along_m}");
+        }
         // Turned by 120 degrees from the chord at either end.
         let coil = Curvature { length_m: 0.053, curvature_per_m: 80.0 };
         let coiled = Axis::new(&Whisker { curvature: [coil].into(), ..whisker }, Across::Chord);
-        assert!(!coiled.is_unique(Around::new(0.02, 1e-3, 0.0).contact(&coiled)));
+        assert!(!coiled.is_usable() && !coiled.is_unique(Around::new(0.02, 1e-3, 0.0).contact(&coiled)));
     }
 }

@@ -47,8 +47,8 @@ impl SpatialDomain {
         Axis::new(whisker, self.across)
     }
 
-    /// The region covered by samples, in coordinates with displacements along the normal. `None` if they do not spread along the whisker and in more than one plane.
-    pub fn covering(samples: &[Around]) -> Option<Self> {
+    /// The region covered by samples, whose coordinates displace contacts in the direction of `across`. `None` if they do not spread along the whisker and in more than one plane.
+    pub fn covering(samples: &[Around], across: Across) -> Option<Self> {
         let low = samples.iter().map(|sample| sample.along_m).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|sample| sample.along_m).fold(f64::NEG_INFINITY, f64::max);
         let most_m = samples.iter().map(|sample| sample.away_m()).fold(0.0, f64::max);
@@ -59,13 +59,20 @@ impl SpatialDomain {
         let crossed = |sample: &Around| first.displacement().perp(&sample.displacement()).abs();
         let least = |sample: &Around| DIRECTED * first.away_m() * sample.away_m();
         let is_spatial = other.iter().any(|sample| crossed(sample) > least(sample));
-        let finest =
-            |least| (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(&directed, low, high, nodes, least));
+        let finest = |least| {
+            (2..=MOST_NODES).rev().find_map(|nodes| Self::with_nodes(&directed, (low, high), across, nodes, least))
+        };
         (is_spatial && high > low).then(|| finest(LEAST_SHARE).or_else(|| finest(0.0)))?
     }
 
     /// The region with this number of nodes along the whisker, if each of them has samples in the share `least` of the directions.
-    fn with_nodes(samples: &[Around], low: f64, high: f64, nodes: usize, least: f64) -> Option<Self> {
+    fn with_nodes(
+        samples: &[Around],
+        (low, high): (f64, f64),
+        across: Across,
+        nodes: usize,
+        least: f64,
+    ) -> Option<Self> {
         let pitch = (high - low) / (nodes - 1) as f64;
         let mut away_m = vec![0.0_f64; nodes * DIRECTIONS];
         for sample in samples {
@@ -91,7 +98,7 @@ impl SpatialDomain {
             (0..nodes as isize).contains(&node).then(|| node as usize * DIRECTIONS + cell % DIRECTIONS)
         });
         let arc_m = (0..nodes).map(|node| low + node as f64 * pitch).collect();
-        Some(Self { arc_m, directions: DIRECTIONS, away_m, across: Across::Normal })
+        Some(Self { arc_m, directions: DIRECTIONS, away_m, across })
     }
 
     /// Whether the lists describe a region around a whisker of this length.
@@ -191,7 +198,7 @@ mod tests {
     #[test]
     fn verif_lines_in_all_directions_enclose_a_region() {
         let samples = lines();
-        let domain = SpatialDomain::covering(&samples).unwrap();
+        let domain = SpatialDomain::covering(&samples, Across::Normal).unwrap();
         assert!(domain.is_valid(0.08));
         let inwards = |at: &Around| Around::new(at.along_m, 0.999 * at.left_m, 0.999 * at.up_m);
         assert!(samples.iter().all(|sample| domain.contains(inwards(sample))));
@@ -206,13 +213,13 @@ mod tests {
     #[test]
     fn robust_contacts_in_one_plane_give_no_region() {
         let planar: Vec<Around> = lines().into_iter().filter(|at| at.up_m.abs() < 1e-9).collect();
-        assert!(planar.len() > 100 && SpatialDomain::covering(&planar).is_none());
+        assert!(planar.len() > 100 && SpatialDomain::covering(&planar, Across::Normal).is_none());
     }
 
     #[test]
     fn verif_directions_without_contacts_are_not_calibrated() {
         let half: Vec<Around> = lines().into_iter().filter(|at| at.left_m > -1e-9).collect();
-        let domain = SpatialDomain::covering(&half).unwrap();
+        let domain = SpatialDomain::covering(&half, Across::Normal).unwrap();
         assert!(domain.contains(Around::new(0.045, 1e-3, 1e-3)));
         assert!(!domain.contains(Around::new(0.045, -1e-3, 0.0)));
     }

@@ -8,6 +8,7 @@ use super::{
     Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion,
     SpatialSample, SpatialWhisker,
 };
+use crate::Whisker;
 use crate::sensor::ModelError;
 use crate::space::frames::Point;
 
@@ -62,7 +63,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let axis = Axis::new(&data.whisker.whisker, data.across);
     let all: Vec<SpatialSample> = data.lines.concat();
     let around: Vec<Around> = all.iter().map(|sample| Around::of(&axis, sample.contact)).collect();
-    let domain = SpatialDomain::covering(&around).ok_or_else(|| {
+    let domain = SpatialDomain::covering(&around, data.across).ok_or_else(|| {
         let most_mm = 1e3 * around.iter().map(|at| at.up_m.abs()).fold(0.0, f64::max);
         ModelError::Data(format!(
             "the calibration's contacts do not surround the whisker: found contacts up to {most_mm:.3} mm out of its plane, \
@@ -70,7 +71,6 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
             `calibration_space_*`"
         ))
     })?;
-    let domain = SpatialDomain { across: data.across, ..domain };
     let lines: Vec<Vec<SpatialSample>> = data.lines.iter().map(|line| blocks(line)).collect();
     if lines.len() < LEAST_LINES {
         let found = lines.len();
@@ -113,6 +113,18 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })
 }
 
+/// Direction of the coordinates for the contacts of a real sensor, which may be deflected by more than its radius of curvature. Leaves
+/// out the contacts whose coordinates are not unique even so, and returns their number.
+pub fn unambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> (Across, usize) {
+    let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
+    let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
+    let across = Across::of(whisker, &contacts);
+    let axis = Axis::new(whisker, across);
+    lines.iter_mut().for_each(|line| line.retain(|sample| axis.is_unique(sample.contact)));
+    lines.retain(|line| !line.is_empty());
+    (across, contacts.len() - count(lines))
+}
+
 /// Means of consecutive samples over which the contact moved by less than [`BLOCK_M`].
 fn blocks(line: &[SpatialSample]) -> Vec<SpatialSample> {
     let mut found: Vec<SpatialSample> = Vec::new();
@@ -141,7 +153,11 @@ fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
     let center = |line: &Vec<SpatialSample>| {
         line.iter().map(|sample| sample.contact.vector()).sum::<Vector3<f64>>() / line.len() as f64
     };
-    let centers: Vec<Vector3<f64>> = lines.iter().map(center).collect();
+    neighbours_of(&lines.iter().map(center).collect::<Vec<_>>())
+}
+
+/// Indices of each line and its neighbours, from the centres of the lines (m).
+pub(super) fn neighbours_of(centers: &[Vector3<f64>]) -> Vec<Vec<usize>> {
     let near = |line: usize| {
         let distances = centers.iter().map(|other| (other - centers[line]).norm()).enumerate();
         let distances: Vec<(usize, f64)> = distances.collect();
@@ -150,5 +166,5 @@ fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
         let is_near = |&&(other, distance): &&(usize, f64)| other == line || distance <= NEIGHBOUR * nearest;
         distances.iter().filter(is_near).map(|(other, _)| *other).collect()
     };
-    (0..lines.len()).map(near).collect()
+    (0..centers.len()).map(near).collect()
 }

@@ -32,7 +32,7 @@ use crate::{Invalid, Whisker};
 pub use coordinates::{Across, Around, Axis};
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
-pub use fit::{SpatialFit, SpatialFitData, fit};
+pub use fit::{SpatialFit, SpatialFitData, fit, unambiguous};
 pub use geometry::{Directions, Geometry};
 
 /// Names of the readings, in order, as in the columns of a trace in space.
@@ -260,8 +260,8 @@ impl CalibratedSpace {
         displaced_m.try_normalize(0.0).unwrap_or_else(Vector3::z)
     }
 
-    /// Directions of surface normal and wire at the contacts. `None` if the nominal whisker has no equilibrium somewhere in the
-    /// calibrated domain.
+    /// Directions of surface normal and wire at the contacts. `None` if the nominal whisker has no equilibrium even near its
+    /// undeflected shape.
     pub fn geometry(&self) -> Option<&Geometry> {
         self.geometry.0.get_or_init(|| Geometry::new(&self.whisker, &self.domain)).as_ref()
     }

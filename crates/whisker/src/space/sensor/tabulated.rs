@@ -41,3 +41,43 @@ impl Tabulated {
         (found.values, found.slopes)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::rod::Suspension;
+    use crate::space::sensor::{Across, SpatialDomain, SpatialWhisker};
+    use crate::{Curvature, Whisker};
+
+    #[test]
+    fn verif_predictions_across_the_chord_are_those_of_the_tabulated_function() {
+        let pieces = [(0.037, 0.0), (0.016, 50.0)];
+        let curvature = pieces.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m });
+        let whisker = Whisker { curvature: curvature.into(), length_m: 0.053, ..Whisker::straight() };
+        let k = whisker.root_stiffness_n_m_rad;
+        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
+        let domain =
+            SpatialDomain { arc_m: vec![0.03, 0.053], directions: 4, away_m: vec![25e-3; 8], across: Across::Chord };
+        let axis = domain.axis(&whisker);
+        let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
+        let exact = |contact: Point<Base>| {
+            let [x, y, z] = contact.vector().into();
+            Vector2::new((20.0 * y).sin() + x, 30.0 * x * z)
+        };
+        let region = SpatialRegion { whisker: &whisker, domain: &domain };
+        let tabulated = Tabulated::new(&region, |contact, _: Option<()>| Some((exact(contact), ()))).unwrap();
+        // At the second, the whisker's radius of curvature is exceeded.
+        for at in [Around::new(0.04, 3e-3, -2e-3), Around::new(0.05, 22e-3, 4e-3)] {
+            let contact = at.contact(&axis);
+            let SpatialPrediction { reading_n_m, gradient_n } = tabulated.predict(contact);
+            assert!((reading_n_m - exact(contact)).norm() < 1e-4, "{at:?}: {reading_n_m} {}", exact(contact));
+            for entry in 0..3 {
+                let step = 1e-6 * Vector3::ith(entry, 1.0);
+                let slope = (exact(contact.shifted(step)) - exact(contact.shifted(-step))) / 2e-6;
+                assert!((gradient_n.column(entry) - slope).norm() < 2e-2, "{at:?} {entry}: {gradient_n} {slope}");
+            }
+        }
+    }
+}

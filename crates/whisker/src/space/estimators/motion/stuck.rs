@@ -4,7 +4,7 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 
 use super::resting::Resting;
-use super::rolling::{FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
+use super::rolling::{FIRST_TILT_RAD, Object, Place, Roll, Shape, carried};
 use super::{Motion, describe_normal, extended};
 use crate::frames::Base;
 use crate::space::estimators::side::Side;
@@ -44,13 +44,16 @@ impl Motion<4> for Stuck {
     }
 }
 
-/// A point at the present instant (m).
+/// A point at the present instant.
 #[derive(Clone, Copy)]
-pub(in crate::space::estimators) struct Held(Vector3<f64>);
+pub(in crate::space::estimators) struct Held {
+    point: Vector3<f64>,
+    tilt_rad: f64,
+}
 
 impl Object for Held {
-    fn moved(&self, motion: &Pose<Base, Base>, _: f64) -> Self {
-        Self(carried(self.0, motion))
+    fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
+        Self { point: carried(self.point, motion), tilt_rad }
     }
 }
 
@@ -58,20 +61,20 @@ impl Shape<4> for Stuck {
     type Object = Held;
 
     fn object(&self, _: &SVector<f64, 4>, place: &Place) -> Held {
-        Held(place.contact)
+        Held { point: place.contact, tilt_rad: 0.0 }
     }
 
     fn residual(&self, held: &Held, place: &Place) -> Vector3<f64> {
-        place.contact - held.0
+        place.contact - held.point
     }
 
     fn equations(&self, held: &Held, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
         (self.residual(held, place), place.slopes)
     }
 
-    fn state(&self, _: &Held, place: &Place, before: &SVector<f64, 4>) -> SVector<f64, 4> {
+    fn state(&self, held: &Held, place: &Place, _: &SVector<f64, 4>) -> SVector<f64, 4> {
         let [s, u, v] = place.at.vector().into();
-        [s, u, v, before[TILT]].into()
+        [s, u, v, held.tilt_rad].into()
     }
 
     fn prior(&self, _: &SVector<f64, 4>) -> (SVector<f64, 4>, SVector<f64, 4>) {

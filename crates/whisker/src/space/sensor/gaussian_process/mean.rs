@@ -39,10 +39,10 @@ impl Mean {
             }
         }
         if !self.contacts_m.iter().flatten().all(|coordinate| coordinate.is_finite()) {
-            return Err("`contacts_m`: expected finite numbers".into());
+            return Err("`contacts_m`: found a number that is not finite, expected finite ones".into());
         }
-        if !self.kernels.iter().all(Kernel::is_valid) {
-            return Err("`kernels`: expected finite numbers, the lengths positive".into());
+        if let Some(kernel) = self.kernels.iter().find(|kernel| !kernel.is_valid()) {
+            return Err(format!("`kernels`: found {kernel:?}, expected finite numbers, the lengths positive"));
         }
         self.trend.check()
     }

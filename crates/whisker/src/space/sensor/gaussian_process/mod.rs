@@ -88,10 +88,14 @@ struct GaussianProcess {
 }
 
 impl GaussianProcess {
-    fn new(region: &SpatialRegion<'_>, stored: Stored) -> Self {
-        let reading = |contact, _: Option<()>| Some((stored.reading_n_m(contact), ()));
-        let tabulated = Tabulated::new(region, reading).expect("a reading of every contact");
-        Self { stored, tabulated }
+    /// `None` if a reading is not finite.
+    fn new(region: &SpatialRegion<'_>, stored: Stored) -> Option<Self> {
+        let reading = |contact, _: Option<()>| {
+            let reading_n_m = stored.reading_n_m(contact);
+            reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()).then_some((reading_n_m, ()))
+        };
+        let tabulated = Tabulated::new(region, reading)?;
+        Some(Self { stored, tabulated })
     }
 }
 
@@ -167,10 +171,15 @@ pub(super) fn fit(
             "the calibration has only {found} places, expected at least {LEAST_SAMPLES}"
         )));
     }
+    if samples.iter().all(|sample| sample.reading == Vector2::zeros()) {
+        return Err(ModelError::Data(
+            "the calibration: found no reading other than 0, expected bending moments".into(),
+        ));
+    }
     let kernels = selected(&samples).ok_or_else(singular)?;
     let (process, _) = Process::robust(&samples, kernels).ok_or_else(singular)?;
     let stored = Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() };
-    let model = GaussianProcess::new(region, stored);
+    let model = GaussianProcess::new(region, stored).ok_or_else(singular)?;
     let lines = lines.to_vec();
     let without = move |line: usize, heldout: &[usize]| {
         let predictor = process.without(heldout).ok_or_else(singular)?;
@@ -188,7 +197,10 @@ pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
             "`largest_reading_n_m`: found {largest_n_m}, expected a positive number"
         )));
     }
-    Ok(Box::new(GaussianProcess::new(region, stored)))
+    let model = GaussianProcess::new(region, stored).ok_or_else(|| {
+        ModelError::Data("`mean`: found numbers whose readings are not finite, expected those of a fitted model".into())
+    })?;
+    Ok(Box::new(model))
 }
 
 #[cfg(test)]
@@ -227,7 +239,7 @@ mod tests {
     fn domain() -> SpatialDomain {
         let axis = Axis::new(&whisker().whisker, Across::Normal);
         let around: Vec<Around> = lines().iter().flatten().map(|sample| Around::of(&axis, sample.contact)).collect();
-        SpatialDomain::covering(&around).unwrap()
+        SpatialDomain::covering(&around, Across::Normal).unwrap()
     }
 
     fn process() -> Process {
@@ -242,7 +254,7 @@ mod tests {
     #[test]
     fn val_the_table_holds_the_readings_and_derivatives_of_the_process() {
         let (whisker, domain, process) = (whisker(), domain(), process());
-        let model = GaussianProcess::new(&SpatialRegion { whisker: &whisker, domain: &domain }, stored());
+        let model = GaussianProcess::new(&SpatialRegion { whisker: &whisker, domain: &domain }, stored()).unwrap();
         let axis = Axis::new(&whisker.whisker, Across::Normal);
         for at in
             [Around::new(0.0341, 1.5e-3, -1e-3), Around::new(0.047, -2.2e-3, 3e-3), Around::new(0.0549, 0.0, -5e-3)]
@@ -288,7 +300,7 @@ mod tests {
                 line.into_iter().map(|sample| SpatialSample { reading_n_m: Vector2::zeros(), ..sample }).collect()
             })
             .collect();
-        assert!(refused(&without_readings, json!({})).ends_with("its covariance is singular"));
+        assert!(refused(&without_readings, json!({})).contains("found no reading other than 0"));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Vector2, Vector3};
 use super::kernel::{Kernel, Place, Sample};
 use super::mean::{Mean, expected};
 use super::trend::Trend;
+use crate::space::sensor::fit::neighbours_of;
 
 /// Residual of a sample, predicted from all others, over its standard deviation, beyond which it is left out as an outlier: the
 /// pin slipped off, or the wire jumped to another equilibrium.
@@ -202,20 +203,13 @@ fn covariance(samples: &[Sample], places: &[Place], kernel: &Kernel) -> DMatrix<
 
 /// Lines that are left out with each line: itself and those whose centre is at most 1.5 times as far away as the nearest.
 pub fn neighbours(samples: &[Sample]) -> Vec<Vec<usize>> {
-    const NEIGHBOUR: f64 = 1.5;
     let count = samples.iter().map(|sample| sample.line + 1).max().unwrap_or(0);
     let center = |line: usize| {
         let points: Vec<_> =
             samples.iter().filter(|sample| sample.line == line).map(|sample| sample.contact_m).collect();
         points.iter().sum::<Vector3<f64>>() / points.len() as f64
     };
-    let centers: Vec<Vector3<f64>> = (0..count).map(center).collect();
-    let near = |line: usize| {
-        let distance = |other: usize| (centers[other] - centers[line]).norm();
-        let nearest = (0..count).filter(|&other| other != line).map(distance).fold(f64::INFINITY, f64::min);
-        (0..count).filter(|&other| other == line || distance(other) <= NEIGHBOUR * nearest).collect()
-    };
-    (0..count).map(near).collect()
+    neighbours_of(&(0..count).map(center).collect::<Vec<_>>())
 }
 
 /// Predicts readings from the samples of a process, or from a part of them.

@@ -26,11 +26,15 @@ impl Trend {
     /// The key that is wrong, with what is expected.
     pub(super) fn check(&self) -> Result<(), String> {
         if !self.coefficients.iter().all(|coefficient| coefficient.is_finite()) {
-            return Err("`trend.coefficients`: expected finite numbers".into());
+            return Err("`trend.coefficients`: found a number that is not finite, expected finite ones".into());
         }
         let is_scale = |scale: &f64| scale.is_finite() && *scale > 0.0;
         if !(self.scale_m.iter().all(is_scale) && self.center_m.iter().all(|center| center.is_finite())) {
-            return Err("`trend.center_m`, `trend.scale_m`: expected finite numbers, the scales positive".into());
+            let Self { center_m, scale_m, .. } = self;
+            let found = format!("{:?}, {:?}", center_m.as_slice(), scale_m.as_slice());
+            return Err(format!(
+                "`trend.center_m`, `trend.scale_m`: found {found}, expected finite ones, the scales positive"
+            ));
         }
         Ok(())
     }
