@@ -9,7 +9,7 @@ use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
 use crate::tools::{run as run_command, whisker};
 
-/// Importer of the recordings, the names of the runs on them in the plane and in space, and that of their evaluation without traces.
+/// Importer of the recordings, names of the runs on them in the plane and in space, and that of their evaluation without traces.
 const FORMAT: &str = "stanford-whisker";
 const RUN: &str = "stanford";
 const RUN_IN_SPACE: &str = "stanford-space";

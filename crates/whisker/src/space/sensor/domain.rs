@@ -47,7 +47,8 @@ impl SpatialDomain {
         Axis::new(whisker, self.across)
     }
 
-    /// The region covered by samples, whose coordinates displace contacts in the direction of `across`. `None` if they do not spread along the whisker and in more than one plane.
+    /// The region covered by samples, whose coordinates displace contacts in the direction of `across`. `None` if they do not spread
+    /// along the whisker and in more than one plane.
     pub fn covering(samples: &[Around], across: Across) -> Option<Self> {
         let low = samples.iter().map(|sample| sample.along_m).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|sample| sample.along_m).fold(f64::NEG_INFINITY, f64::max);
