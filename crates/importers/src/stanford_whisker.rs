@@ -253,7 +253,7 @@ fn calibrated_sensor(path: &Path) -> Result<&'static Sensor, Error> {
 }
 
 impl Test {
-    /// The test of a file.
+    /// The test that the name of a file states.
     fn of(path: &Path) -> Result<Self, Error> {
         const EXPECTED: &str = "`<sensor>_test_<date>` or `<object>tip_test_scan_object_<date>`";
         Self::named(&stem(path)).ok_or_else(|| Error::value(path, "file name", stem(path), EXPECTED))

@@ -10,8 +10,8 @@
 //! | [`mesh`] | distance from a mesh |
 //! | [`pins`] | scores on pins, mounting learnt at a known place |
 //!
-//! The sensor model is the Gaussian process of [`whisker::space::sensor::gaussian_process`], fitted to labelled contacts, in the frame of
-//! the sensor and in counts: neither the shape of the wire nor forces are known of such recordings.
+//! The sensor model is the Gaussian process of [`whisker::space::sensor::gaussian_process`], fitted to labelled contacts, in the
+//! frame of the sensor and in counts: for such recordings, neither the shape of the wire nor forces are known.
 
 pub mod benchmark;
 pub mod calibration;

@@ -363,7 +363,7 @@ fn robust_a_calibration_of_changed_or_other_traces_is_refused_even_if_the_run_is
     read_calibration(&copy).unwrap();
 }
 
-/// A folder with [`dataset`], which is fitted.
+/// A folder with [`dataset`] and its calibrations.
 #[cfg(unix)]
 fn fitted() -> (TempDir, Dataset) {
     let folder = tempfile::tempdir().unwrap();

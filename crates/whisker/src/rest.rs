@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use crate::Curvature;
 use crate::frames::{Base, Point};
 
-/// Length by which the line is continued beyond its ends where a point is sought, relative to its own.
+/// Length by which a search continues the line beyond each end, relative to the length of the line.
 const CONTINUED: f64 = 0.1;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -190,8 +190,8 @@ impl RestShape {
         arc_m
     }
 
-    /// Arc length of the point whose projection on a direction, a unit vector, is `projection_m`. The whisker turns by less than a
-    /// right angle from this direction; beyond its ends the line is continued by up to a tenth of its length.
+    /// Arc length of the point whose projection onto `direction`, a unit vector, is `projection_m`. The whisker must turn by less
+    /// than a right angle from this direction. Beyond each end, the line is continued by up to a tenth of its length.
     pub fn arc_at_projection(&self, direction: Vector2<f64>, projection_m: f64) -> f64 {
         let length_m = self.length_m();
         let (mut low, mut high) = (-CONTINUED * length_m, (1.0 + CONTINUED) * length_m);
@@ -216,7 +216,7 @@ impl RestShape {
         arc_m
     }
 
-    /// Whether the whisker turns by less than a right angle from a direction everywhere.
+    /// Whether the tangent is everywhere at less than a right angle to `direction`.
     pub fn advances_along(&self, direction: Vector2<f64>) -> bool {
         self.pieces.iter().all(|piece| {
             let turns_less = (piece.curvature_per_m * piece.length_m).abs() < std::f64::consts::PI;
@@ -224,7 +224,7 @@ impl RestShape {
         })
     }
 
-    /// Largest curvature of the whisker, in either direction.
+    /// Largest absolute curvature.
     pub fn largest_curvature_per_m(&self) -> f64 {
         self.pieces.iter().map(|piece| piece.curvature_per_m.abs()).fold(0.0, f64::max)
     }

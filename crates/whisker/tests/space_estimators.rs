@@ -163,7 +163,7 @@ fn verif_a_fixed_point_is_located_with_its_covariance() {
     }
 }
 
-/// A real sensor: contacts may stick, and its mounting is uncertain.
+/// The same readings, of a sensor that is stated to be a real one and of a simulated one.
 #[test]
 fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
     let real = CalibratedSpace { real_sensor: true, ..(*STRAIGHT.calibrated).clone() };
@@ -177,7 +177,7 @@ fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
     });
     let [(of_real, estimate), (of_simulated, simulated)] = errors;
     assert!(of_real.norm() < 0.3e-3 && of_real.norm() < of_simulated.norm(), "{of_real} {of_simulated}");
-    // 6 mrad at 48 mm and 0.2 mm.
+    // The mounting: 0.2 mm along each axis, and 6 mrad at a distance of 48 mm from the root.
     let sd_m = estimate.covariance_m2.diagonal().map(f64::sqrt);
     assert!(sd_m.min() >= 0.2e-3 && sd_m.max() > 0.3e-3, "{sd_m} {}", simulated.covariance_m2);
 }

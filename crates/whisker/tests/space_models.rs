@@ -137,7 +137,7 @@ fn val_the_gaussian_process_reproduces_exact_readings_and_states_its_error() {
         squares += (found.reading_n_m - exact(whisker, contact)).norm_squared() / (2.0 * between().len() as f64);
     }
     let (rms, heldout) = (squares.sqrt() / face.largest_reading_n_m, face.heldout_rms_n_m / face.largest_reading_n_m);
-    // 150 readings with 1 % noise. Held-out lines lie at the border too, and next to them there are none.
+    // 150 readings with 1 % noise. Some held-out lines lie at the border of the calibrated domain, with no lines beyond them.
     assert!(rms < 1e-2 && rms < heldout && heldout < 5e-2, "{rms} {heldout}");
 }
 

@@ -45,11 +45,11 @@ pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResul
 ///
 /// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on the
 /// centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker. Each is
-/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space, `polynomial`,
-/// `rod` and `gaussian-process`; by default `polynomial` and `rod` or, with `real_sensor`, `polynomial` and `gaussian-process`, whose
-/// fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings. `real_sensor` states that the
-/// readings are those of a real sensor: `recommended` then considers that contacts may stick to objects by friction, and that the
-/// mounting may deviate from that of the calibration.
+/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space: `polynomial`, `rod`
+/// and `gaussian-process`. The default is `polynomial` and `rod` or, with `real_sensor`, `polynomial` and `gaussian-process`, whose
+/// fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings (N m). `real_sensor` states that
+/// the readings are those of a real sensor: the estimator `recommended` then allows for contacts that friction holds in place, and
+/// for a mounting that deviates from that of the calibration.
 ///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]
@@ -164,7 +164,7 @@ impl SpatialCalibration {
         self.calibrated.largest_reading_n_m
     }
 
-    /// Whether the sensor is a real one.
+    /// Whether the sensor is a real one: the argument `real_sensor` of the fit, true for a calibration from recordings.
     #[getter]
     fn real_sensor(&self) -> bool {
         self.calibrated.real_sensor

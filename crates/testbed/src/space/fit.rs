@@ -107,7 +107,7 @@ pub fn fit(
     whiskers.values().map(|subject| fit.run(subject)).collect()
 }
 
-/// Calibration traces of a whisker, and the sensor models that suit them.
+/// Calibration traces of a whisker, and the sensor models to be fitted to them.
 struct Subject {
     candidates: Vec<Candidate>,
     traces: Vec<SpatialTrace>,

@@ -42,7 +42,7 @@ pub struct SpatialCalibrationFile {
     /// Front end through which the traces were read. `None` if the readings are the moments themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<SpatialFrontEndFile>,
-    /// Whether the traces are recordings of a real sensor.
+    /// Whether the sensor is a real one ([`CalibratedSpace::real_sensor`]).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub real_sensor: bool,
     /// Hash over the hashes of the traces.

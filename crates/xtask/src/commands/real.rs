@@ -9,7 +9,8 @@ use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
 use crate::tools::{run as run_command, whisker};
 
-/// Importer of the recordings, names of the runs on them in the plane and in space, and that of their evaluation without traces.
+/// Importer of the recordings, names of the runs on their traces in the plane and in space, and name of the run of
+/// `whisker recordings`, which uses no traces.
 const FORMAT: &str = "stanford-whisker";
 const RUN: &str = "stanford";
 const RUN_IN_SPACE: &str = "stanford-space";

@@ -32,12 +32,13 @@ pub(crate) fn run() -> Outcome {
     parts::run_all(PARTS)
 }
 
-/// All packages but the ROS 2 node, which takes long to build and which `tests/test_ros_foreign.py` tests with foreign subscribers. The
-/// Python package has no tests in Rust; it is selected for the features of its dependencies, so that it is built with the same.
+/// All packages but the ROS 2 node, which takes long to build and which `tests/test_ros_foreign.py` tests with foreign subscribers.
+/// The Python package has no tests in Rust; it is included so that the tests and the package need the same features of
+/// dependencies.
 pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
 
-/// Tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often waits for
-/// one large package, which occupies one processor.
+/// Runs the tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often
+/// waits for one large package, which occupies a single processor.
 fn python_tests_and_builds() -> Outcome {
     let tests = start(pytest(&["sim/tests"]))?;
     let built = run_command(cargo(&rust_tests(&["--no-run"]))).and_then(|()| python::install_package());
@@ -72,7 +73,7 @@ fn end_to_end() -> Outcome {
     let mut tests = pytest(&["tests"]);
     tests.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
     let tests = start(tests)?;
-    // Of the disturbed commands, those of the calibration platform hardly occupy the processor.
+    // The disturbed commands of the calibration platform take little processor time, so that the tests run beside them.
     let disturbed = kills::disturb(KILLS, 1);
     tests.finish().and(disturbed)
 }

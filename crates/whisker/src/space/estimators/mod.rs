@@ -236,7 +236,7 @@ pub struct SpatialEstimatorRow {
 pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
-        about: "average over the fits of rods, spheres and surfaces of two curvatures, and of contacts at rest on real sensors, weighted by their evidence",
+        about: "average, weighted by evidence, of fits of rods, spheres, surfaces of two curvatures and, on real sensors, points",
         kind: Kind::Average,
     },
     SpatialEstimatorRow {
@@ -261,7 +261,7 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     },
     SpatialEstimatorRow {
         name: "point-fit",
-        about: "fit of a contact at rest, which friction holds, to all readings",
+        about: "fit of a contact at rest, held by friction, to all readings",
         kind: Kind::Fit(MotionSettings::resting),
     },
     SpatialEstimatorRow {

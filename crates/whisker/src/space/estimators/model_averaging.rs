@@ -39,7 +39,7 @@ struct Candidate {
     settings: Map<String, Value>,
     /// Prior probability, relative to the others.
     weight: f64,
-    /// Whether the candidate counts only for real sensors ([`crate::space::sensor::CalibratedSpace::real_sensor`]).
+    /// Whether the candidate is used only for real sensors ([`crate::space::sensor::CalibratedSpace::real_sensor`]).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     real_sensors_only: bool,
 }
@@ -59,7 +59,7 @@ pub(super) struct Config {
     ignored_share: f64,
     /// Signal that the models are in doubt, by the innovations of the mixture.
     doubt: DoubtSettings,
-    /// Deviations of a real sensor's mounting from that of its calibration. `null`: the mounting is exact.
+    /// Deviations of a real sensor's mounting from that of its calibration, or `null` if the mounting is exact.
     mounting: Option<Mounting>,
 }
 
@@ -80,7 +80,7 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// Covariance of a contact in the nominal frame of the base whose coordinates in the actual one are known (m2), 3x3.
+    /// Covariance (m2), 3x3, of a contact in the nominal Base, given its coordinates in the actual one.
     fn covariance_m2(&self, contact: &Vector3<f64>) -> Matrix3<f64> {
         // A small rotation w moves the contact by w x p.
         let turned = Matrix3::identity() * contact.norm_squared() - contact * contact.transpose();
@@ -89,8 +89,8 @@ impl Mounting {
 }
 
 impl Default for Config {
-    /// The weights of the objects along which a contact slides and the factor were chosen on random scenes in space that are not
-    /// reported. A contact at rest has the weight of a rod; the mounting has the deviations of `installed`, a candidate in the plane.
+    /// The factor and the weights of the objects along which a contact slides were chosen on random scenes in space that are not
+    /// reported. A contact at rest has the weight of a rod; the mounting has the standard deviations of `installed` in the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),
@@ -119,7 +119,7 @@ impl Settings for Config {
             let names: Vec<&str> = self.candidates.iter().map(|candidate| candidate.name.as_str()).collect();
             let found = format!("only candidates for real sensors ({})", names.join(", "));
             return Err(SettingsError::Parse(format!(
-                "`{CANDIDATES}`: found {found}, expected one for all sensors too"
+                "`{CANDIDATES}`: found {found}, expected at least one for all sensors"
             )));
         }
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;

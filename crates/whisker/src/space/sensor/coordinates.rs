@@ -7,23 +7,23 @@ use crate::frames::{self, Base};
 use crate::space::frames::Point;
 use crate::{RestShape, Whisker};
 
-/// Largest distance (m) between a contact and the one at its coordinates, if these are unique.
+/// Largest distance (m) between a contact and the point at its coordinates, for coordinates that count as unique.
 const UNIQUE_M: f64 = 1e-6;
 
-/// Direction in the whisker's plane in which a contact is displaced from the undeflected whisker.
+/// Direction in the whisker's plane in which coordinates displace a contact from the undeflected whisker.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Across {
-    /// The left normal of the whisker. Coordinates are unique at distances below the whisker's radius of curvature.
+    /// The left normal of the whisker. Coordinates are unique at distances below the whisker's smallest radius of curvature.
     #[default]
     Normal,
-    /// The left normal of the line from root to tip. Coordinates are unique at all distances, if the whisker turns by less than a
+    /// The left normal of the line from root to tip. Coordinates are unique at all distances if the whisker turns by less than a
     /// right angle from this line.
     Chord,
 }
 
 impl Across {
-    /// The direction with which the coordinates of more of these contacts are unique, the normal if both are equal.
+    /// The direction for which more of these contacts have unique coordinates; the normal if their numbers are equal.
     pub fn of(whisker: &Whisker, contacts: &[Point<Base>]) -> Self {
         let ambiguous = |across: Self| {
             let axis = Axis::new(whisker, across);
@@ -42,7 +42,7 @@ impl Across {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     rest: RestShape,
-    /// Direction of the chord. `None` if contacts are displaced along the normal.
+    /// Direction of the chord, the line from root to tip. `None` if contacts are displaced along the normal.
     chord: Option<Vector2<f64>>,
 }
 
@@ -62,12 +62,12 @@ impl Axis {
         &self.rest
     }
 
-    /// Whether contacts have coordinates: across the chord, only if the whisker turns by less than a right angle from it.
+    /// Whether contacts have coordinates. Across the chord, they do only if the whisker turns by less than a right angle from it.
     pub fn is_usable(&self) -> bool {
         self.chord.is_none_or(|chord| self.rest.advances_along(chord))
     }
 
-    /// Whether the contact has unique coordinates, displaced from a point between root and tip.
+    /// Whether the coordinates of the contact are unique, with a point between root and tip.
     pub fn is_unique(&self, contact: Point<Base>) -> bool {
         let at = Around::of(self, contact);
         let is_near = self.chord.is_some() || at.away_m() * self.rest.largest_curvature_per_m() < 1.0;
@@ -190,7 +190,7 @@ mod tests {
         }
     }
 
-    /// A whisker as the real one that is bent by a radius of 20 mm near its tip.
+    /// A whisker with a radius of curvature of 20 mm near its tip, similar to a real one.
     fn hook() -> Whisker {
         let curvature = [(0.037, 0.0), (0.016, 50.0)];
         let curvature = curvature.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m });
@@ -210,7 +210,7 @@ mod tests {
             let beyond = Around::new(along_m, 0.0, 0.0).contact(&chord);
             assert!(!normal.is_unique(beyond) && !chord.is_unique(beyond), "{along_m}");
         }
-        // Turned by 120 degrees from the chord at either end.
+        // Tangents at 120 degrees to the chord at both ends.
         let coil = Curvature { length_m: 0.053, curvature_per_m: 80.0 };
         let coiled = Axis::new(&Whisker { curvature: [coil].into(), ..whisker }, Across::Chord);
         assert!(!coiled.is_usable() && !coiled.is_unique(Around::new(0.02, 1e-3, 0.0).contact(&coiled)));

@@ -36,8 +36,9 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// The directions over a calibrated domain. Where the nominal whisker has no equilibrium, as at the edge of the domain of a real
-    /// whisker, they are those of the neighbouring contact nearer to the undeflected whisker. `None` if it has none at all.
+    /// The directions over a calibrated domain. At contacts where the nominal whisker has no equilibrium, as may happen at the
+    /// border of the domain of a real whisker, they are those of the neighbouring contact nearer to the undeflected whisker. `None`
+    /// if the parameters of the whisker are invalid, or if it has no equilibrium even near its undeflected shape.
     pub(super) fn new(whisker: &SpatialWhisker, domain: &SpatialDomain) -> Option<Self> {
         let (rod, axis) = (whisker.rod().ok()?, domain.axis(&whisker.whisker));
         let at_node = |at: Around, near: Option<(SpatialLoad, SVector<f64, 6>)>| {

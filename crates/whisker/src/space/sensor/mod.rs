@@ -141,7 +141,7 @@ pub struct SpatialModelRow {
     /// Default settings.
     pub defaults: fn() -> Value,
     /// Settings that a calibration compares to select the best model, given whether the sensor is a real one
-    /// ([`SpatialFitData::real_sensor`]). None if the model does not suit such a calibration.
+    /// ([`SpatialFitData::real_sensor`]). Empty if the model does not suit such a sensor.
     pub candidates: fn(bool) -> Vec<Value>,
     /// Fits the model to the lines of a calibration.
     pub fit: FitLines,
@@ -169,7 +169,7 @@ pub static SPATIAL_MODELS: &[SpatialModelRow] = &[
     },
     SpatialModelRow {
         kind: gaussian_process::KIND,
-        about: "Gaussian process with errors of the calibration's lines, as by friction and hysteresis of real sensors",
+        about: "Gaussian process with an error for each line, due to friction and hysteresis of real sensors",
         defaults: gaussian_process::defaults,
         candidates: gaussian_process::candidates,
         fit: gaussian_process::fit,
@@ -209,8 +209,8 @@ pub struct CalibratedSpace {
     pub heldout_worst_n_m: f64,
     /// Largest bending moment of the calibration.
     pub largest_reading_n_m: f64,
-    /// Whether the sensor is a real one: contacts may stick to objects by friction, and the mounting may deviate from that of the
-    /// calibration. Simulated sensors in space have neither.
+    /// Whether the sensor is a real one: friction may hold contacts in place, and the mounting may deviate from that of the
+    /// calibration. Simulated traces in space have neither friction nor such deviations.
     pub real_sensor: bool,
     /// Directions at the contacts, computed on first use.
     pub geometry: OnceGeometry,

@@ -389,7 +389,7 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
 }
 
-/// To a real sensor a rod fits worse than other models, and its fit takes minutes.
+/// For real sensors, a rod is less accurate than the other models, and its fit takes minutes.
 pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
     if real_sensor { Vec::new() } else { vec![json!({})] }
 }

@@ -7,15 +7,15 @@ use super::{Around, Axis, SpatialPrediction, SpatialRegion};
 use crate::frames::Base;
 use crate::space::frames::Point;
 
-/// Both bending moments as a table, for models whose formula takes long.
+/// Both bending moments, tabulated for models whose formula takes long to evaluate.
 pub(super) struct Tabulated {
     axis: Axis,
     table: Table<2>,
 }
 
 impl Tabulated {
-    /// Tabulates the moments of contacts (N m), 2x1, which may be computed from the result of a neighbouring contact. `None` if a
-    /// contact has none.
+    /// Tabulates the moments of contacts (N m), 2x1, which may be computed from the result of a neighbouring contact. `None` if the
+    /// moments of a contact do not exist.
     pub(super) fn new<State: Copy>(
         region: &SpatialRegion<'_>,
         mut readings_n_m: impl FnMut(Point<Base>, Option<State>) -> Option<(Vector2<f64>, State)>,
@@ -68,7 +68,7 @@ mod tests {
         };
         let region = SpatialRegion { whisker: &whisker, domain: &domain };
         let tabulated = Tabulated::new(&region, |contact, _: Option<()>| Some((exact(contact), ()))).unwrap();
-        // At the second, the whisker's radius of curvature is exceeded.
+        // The second contact lies beyond the whisker's radius of curvature.
         for at in [Around::new(0.04, 3e-3, -2e-3), Around::new(0.05, 22e-3, 4e-3)] {
             let contact = at.contact(&axis);
             let SpatialPrediction { reading_n_m, gradient_n } = tabulated.predict(contact);

@@ -12,15 +12,15 @@ use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
-/// Standard deviation of the angle between the force and the normal of the surface, in each direction along the surface: uniform up
-/// to the angle of friction at a coefficient of 0.5.
+/// Standard deviation of the angle between the force and the normal of the surface, in each direction along the surface: that of a
+/// uniform distribution up to the angle of friction for a coefficient of 0.5.
 const LEAN_SD_RAD: f64 = 0.27;
 
-/// A point at rest, with the settings of the filter for one; the state is `(s, u, v, beta)`. The tilt `beta` does not move the
-/// contact.
+/// A point at rest, with the settings of the filter [`Resting`]; the state is `(s, u, v, beta)`, as in [`super::rolling`]. The tilt
+/// `beta` does not move the contact.
 ///
 /// Where the contact sticks, the force lies within the cone of friction about the normal, so that the direction of the force
-/// determines the normal up to the angle of friction only.
+/// determines the normal only up to the angle of friction.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::space::estimators) struct Stuck(pub(super) Resting);
 
@@ -44,7 +44,7 @@ impl Motion<4> for Stuck {
     }
 }
 
-/// A point at the present instant.
+/// The point in Base (m) at the present instant, and the tilt.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Held {
     point: Vector3<f64>,

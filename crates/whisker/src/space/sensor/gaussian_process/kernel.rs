@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Sample {
     /// Contact, in a frame fixed to the sensor (m), 3x1.
     pub contact_m: Vector3<f64>,
-    /// Both channels above rest, 2x1. The unit is free: a process depends on the ratios of its readings only.
+    /// Both channels relative to rest, 2x1, in any unit: a process depends only on the ratios of its readings.
     pub reading: Vector2<f64>,
     /// Index of the line on which the contact moved.
     pub line: usize,
@@ -23,10 +23,12 @@ pub struct Place {
     pub load: f64,
 }
 
-/// Parameters of the covariance of one channel, with `R` the largest reading of the calibration and `y` a reading's norm over `R`.
+/// Parameters of the covariance of one channel, with `R` the largest reading of the calibration and `y` a reading's norm over `R`,
+/// the load.
 ///
 /// The reading at a contact `p` on line `i` is `m(p) + f(p) + w(y) e_i(p) + noise`: a quadratic trend `m`; the smooth map `f`; an
-/// error `e_i` of each line, which represents friction, stick-slip and hysteresis; and white noise.
+/// error `e_i` of each line, which represents friction, stick-slip and hysteresis, with a standard deviation `w` that grows with
+/// the load; and white noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kernel {
@@ -60,7 +62,7 @@ impl Kernel {
         lengths.all(|length_m| length_m.is_finite() && length_m > 0.0) && sds.all(f64::is_finite)
     }
 
-    /// Correlation of a line's error between two contacts `distance_m` apart: Matern, of order 5/2.
+    /// Correlation of a line's error between two contacts `distance_m` apart: Matérn covariance function of order 5/2.
     pub(super) fn along(&self, distance_m: f64) -> f64 {
         let r = 5.0_f64.sqrt() * distance_m / self.line_length_m;
         (1.0 + r + r * r / 3.0) * (-r).exp()

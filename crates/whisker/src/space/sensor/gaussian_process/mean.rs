@@ -7,7 +7,7 @@ use super::MOST_SAMPLES;
 use super::kernel::Kernel;
 use super::trend::Trend;
 
-/// What the expected readings of a process follow from, over the largest reading of its samples.
+/// Parameters of the expected readings of a process, which are relative to the largest reading of its samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Mean {
@@ -16,7 +16,7 @@ pub(super) struct Mean {
     pub(super) trend: Trend,
     /// Contacts of the samples.
     pub(super) contacts_m: Vec<Vector3<f64>>,
-    /// Factors of the covariances with the samples, by channel.
+    /// Weights of the covariances with the samples, by channel.
     pub(super) weights: [Vec<f64>; 2],
 }
 
@@ -47,7 +47,7 @@ impl Mean {
         self.trend.check()
     }
 
-    /// Expected reading at a contact, 2x1, and its derivatives by the contact (1/m), 2x3.
+    /// Expected reading at a contact, 2x1, and its derivatives by the contact (1/m), 2x3, relative to the largest reading.
     pub(super) fn at(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let [(first, first_slopes), (second, second_slopes)] = [0, 1].map(|channel| {
             let weighted = self.contacts_m.iter().copied().zip(self.weights[channel].iter().copied());
@@ -58,7 +58,7 @@ impl Mean {
 }
 
 /// Expected reading of a channel at a contact, from the contacts of the samples with their weights, and its derivatives by the
-/// contact (1/m), 3x1. Both are over the largest reading.
+/// contact (1/m), 3x1. Both are relative to the largest reading.
 pub(super) fn expected(
     trend: &Trend,
     kernel: &Kernel,

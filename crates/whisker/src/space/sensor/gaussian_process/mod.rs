@@ -1,9 +1,9 @@
 //! Gaussian process from a contact to both bending moments, for readings of real sensors.
 //!
 //! A reading is the sum of a quadratic trend, a Gaussian process of the contact, an error common to each line of the calibration
-//! and white noise. The error of a line represents friction, stick-slip and hysteresis, which no function of the contact contains:
-//! without it, their readings would bend the map. Correlation lengths and standard deviations are those that predict held-out lines
-//! best, and samples that all others contradict are left out. Nothing is assumed about the mechanics of the whisker.
+//! and white noise. The error of a line represents friction, stick-slip and hysteresis, which are not functions of the contact;
+//! without this term, they would distort the smooth map. Correlation lengths and standard deviations are those that predict
+//! held-out lines best, and samples that contradict all others are left out. Nothing is assumed about the mechanics of the whisker.
 //!
 //! The expected reading is a sum over all samples. It is tabulated over the calibrated domain, so that a prediction takes the same
 //! time for any number of samples.
@@ -54,7 +54,8 @@ const MOST_SAMPLES: usize = 10_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Config {
-    /// Largest number of samples of the fit, whose time grows with the third power. Of more samples, an evenly spaced part is taken.
+    /// Largest number of samples of the fit, whose time grows with the third power of this number. Of more samples, an evenly
+    /// spaced part is taken.
     most_samples: usize,
 }
 
@@ -69,7 +70,7 @@ impl Default for Config {
 #[serde(deny_unknown_fields)]
 struct Stored {
     kind: String,
-    /// Largest reading of a channel among the samples.
+    /// Largest absolute reading of a channel among the samples, by which the readings of `mean` are divided.
     largest_reading_n_m: f64,
     mean: Mean,
 }
@@ -127,7 +128,8 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
 }
 
-/// Simulated contacts have none of the errors that the process models, and its fit takes much longer than that of a rod.
+/// Simulated traces have none of the line errors that the process models, and for them its fit takes much longer than that of a
+/// rod.
 pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
     if real_sensor { vec![json!({})] } else { Vec::new() }
 }
@@ -143,7 +145,7 @@ fn thinned(lines: &[Vec<SpatialSample>], most: usize) -> Vec<Sample> {
     });
     let count = lines.iter().map(Vec::len).sum::<usize>();
     let most = most.min(count);
-    // As many of the first `i` samples as their share of the largest number.
+    // Number of samples kept among the first `i`: their share of the largest number.
     let kept = |i: usize| i * most / count;
     all.enumerate().filter(|(i, _)| kept(i + 1) > kept(*i)).map(|(_, sample)| sample).collect()
 }

@@ -25,7 +25,7 @@ pub struct Process {
     /// Largest reading of a channel, `R`.
     pub largest_reading: f64,
     places: Vec<Place>,
-    /// Factor on the predicted covariance of each channel, by which held-out lines agree with it.
+    /// Factor of the predicted covariance of each channel, with which it agrees with the errors on held-out lines.
     inflation: [f64; 2],
     trend: Trend,
     /// Inverse covariance of the samples, and its product with their deviations from the trend, over `R`, by channel.
@@ -235,7 +235,7 @@ impl Predictor<'_> {
         self.samples().map(|sample| (sample.contact_m - contact_m).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
     }
 
-    /// Expected reading, 2x1, and its derivatives by the contact (per m), 2x3.
+    /// Expected reading, 2x1, in the unit of the samples, and its derivatives by the contact (that unit per m), 2x3.
     pub fn predict(&self, contact_m: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let [(first, first_slopes), (second, second_slopes)] =
             [0, 1].map(|channel| self.predict_channel(channel, contact_m));
@@ -264,8 +264,8 @@ impl Predictor<'_> {
         (inflation * (all - own).max(0.0)).sqrt()
     }
 
-    /// Covariance of the errors of one channel at several contacts of one touch: of the map given the
-    /// calibration, of the touch's own line, and noise.
+    /// Covariance of the errors of one channel at several contacts of one touch, in the squared unit of the samples: that of the
+    /// map given the calibration, of the line error of the touch itself, and of the noise.
     pub fn covariance(&self, channel: usize, at: &[Place]) -> DMatrix<f64> {
         let process = self.process;
         let kernel = &process.kernels[channel];

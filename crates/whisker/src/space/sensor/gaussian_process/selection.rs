@@ -28,8 +28,8 @@ fn score(held: &[HeldOut], largest_reading: f64) -> [Score; 2] {
     })
 }
 
-/// Changes that the selection tries, in turn, on each channel. The lengths in the whisker's plane change together: left-out lines
-/// do not show a length that is too short between the samples of a line.
+/// Changes that the selection tries, in turn, on each channel. The lengths in the whisker's plane change together: the error on
+/// held-out lines does not reveal a length that is too short between the samples of a line.
 const CHANGES: [fn(&mut Kernel, f64); 6] = [
     |kernel, factor| kernel.length_m.iter_mut().for_each(|length_m| *length_m *= factor),
     |kernel, factor| kernel.length_m[2] *= factor,
@@ -38,8 +38,8 @@ const CHANGES: [fn(&mut Kernel, f64); 6] = [
     |kernel, factor| kernel.noise = kernel.noise.map(|sd| sd * factor),
     |kernel, factor| kernel.line_length_m *= factor,
 ];
-/// Number of these changes, the first ones, that concern the map: they are judged by the error on held-out lines, the others by
-/// its predicted density.
+/// Number of these changes, the first ones, that concern the map. They are judged by the error on held-out lines, the others by its
+/// predicted density.
 const OF_MAP: usize = 3;
 
 const FACTORS: [f64; 2] = [0.7, 1.4];

@@ -8,7 +8,7 @@ use super::kernel::Sample;
 /// Number of terms.
 const TERMS: usize = 10;
 
-/// The quadratic trend, over `R`.
+/// The quadratic trend, relative to the largest reading.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Trend {
