@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn val_the_table_holds_the_readings_and_derivatives_of_the_process() {
+    fn verif_the_table_holds_the_readings_and_derivatives_of_the_process() {
         let (whisker, domain, process) = (whisker(), domain(), process());
         let model = GaussianProcess::new(&SpatialRegion { whisker: &whisker, domain: &domain }, stored()).unwrap();
         let axis = Axis::new(&whisker.whisker, Across::Normal);
