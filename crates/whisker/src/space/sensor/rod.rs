@@ -389,7 +389,7 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
 }
 
-/// For real sensors, a rod is less accurate than the other models, and its fit takes minutes.
+/// The fit of a rod to recordings takes minutes, and friction and hysteresis are not among its parameters.
 pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
     if real_sensor { Vec::new() } else { vec![json!({})] }
 }

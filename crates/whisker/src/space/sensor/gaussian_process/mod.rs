@@ -128,8 +128,7 @@ pub(super) fn defaults() -> Value {
     serde_json::to_value(Config::default()).expect("a struct of numbers serialises")
 }
 
-/// Simulated traces have none of the line errors that the process models, and for them its fit takes much longer than that of a
-/// rod.
+/// Simulated traces have none of the line errors that the process models.
 pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
     if real_sensor { vec![json!({})] } else { Vec::new() }
 }
