@@ -281,7 +281,7 @@ mod tests {
                 Self::ToAndFro => Pose::new(0.0, 0.3 * arc_m * (1.0 - (2.0 * share - 1.0).abs()), 0.0),
                 Self::ToTip => Pose::new(-4e-3 * share, 0.2 * arc_m, 0.0),
             };
-            (1..40).map(|step| base(f64::from(step) / 40.0)).collect()
+            (1..80).map(|step| base(f64::from(step) / 80.0)).collect()
         }
     }
 
