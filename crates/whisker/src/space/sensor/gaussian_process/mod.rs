@@ -323,8 +323,12 @@ mod tests {
                 "`mean`: `weights`: found 199 numbers, expected 200 finite ones",
             ),
             (damaged("/largest_reading_n_m", 0.0), "`largest_reading_n_m`: found 0, expected a positive number"),
-            (damaged("/mean/kernels/0/line_length_m", 0.0), "`mean`: `kernels`: expected finite numbers, the lengths"),
-            (damaged("/mean/trend/scale_m/2", -1.0), "`mean`: `trend.center_m`, `trend.scale_m`: expected finite"),
+            (
+                damaged("/mean/kernels/0/line_length_m", 0.0),
+                "line_length_m: 0.0, noise: [0.0012, 0.002] }, expected finite",
+            ),
+            (damaged("/mean/trend/scale_m/2", -1.0), "-1.0], expected finite ones, the scales positive"),
+            (damaged("/mean/weights/0/0", 1e308), "`mean`: found numbers whose readings are not finite"),
         ];
         for (value, expected) in cases {
             let reason = load(&region, &value).err().unwrap().to_string();
