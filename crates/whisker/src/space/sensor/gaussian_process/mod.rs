@@ -328,7 +328,7 @@ mod tests {
                 "line_length_m: 0.0, noise: [0.0012, 0.002] }, expected finite",
             ),
             (damaged("/mean/trend/scale_m/2", -1.0), "-1.0], expected finite ones, the scales positive"),
-            (damaged("/mean/weights/0/0", 1e308), "`mean`: found numbers whose readings are not finite"),
+            (damaged("/mean/kernels/0/map_sd", 1e200), "`mean`: found numbers whose readings are not finite"),
         ];
         for (value, expected) in cases {
             let reason = load(&region, &value).err().unwrap().to_string();
