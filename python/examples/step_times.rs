@@ -1,5 +1,5 @@
-//! Times of an estimator in Rust on a trace with 1 % noise: `step_times TRACE CALIBRATION ESTIMATOR`, for comparison with
-//! Python.
+//! Times of an estimator in Rust on a trace with 1 % noise: `step_times TRACE CALIBRATION ESTIMATOR [SETTINGS]`, for comparison with
+//! Python. `SETTINGS` are JSON, over the default ones.
 //!
 //! Prints times per sample in nanoseconds, each the least of several runs: sample by sample, and as a replay of arrays of
 //! times, poses and readings; and the 99th percentile and the largest over the samples of the least time of each.
@@ -25,8 +25,10 @@ const SEED: u64 = 1;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [trace, calibration, name] = arguments.as_slice() else {
-        anyhow::bail!("expected TRACE CALIBRATION ESTIMATOR");
+    let (trace, calibration, name, settings) = match arguments.as_slice() {
+        [trace, calibration, name] => (trace, calibration, name, json!({})),
+        [trace, calibration, name, settings] => (trace, calibration, name, serde_json::from_str(settings)?),
+        _ => anyhow::bail!("expected TRACE CALIBRATION ESTIMATOR [SETTINGS]"),
     };
     let trace = Trace::read(Path::new(trace))?;
     let path = Path::new(calibration);
@@ -38,7 +40,7 @@ fn main() -> anyhow::Result<()> {
     let mounting = Mounting::alone(&trace.sidecar);
     let front_end = FrontEnd::new(&FrontEndConfig::default())?;
     let readings_n_m = front_end.readings_n_m(&SensorInput::new(&trace, &mounting, noise_sd_n_m, SEED))?;
-    let config = merged((row.defaults)(), &json!({}))?;
+    let config = merged((row.defaults)(), &settings)?;
     let fresh = || estimator(row, &config, TouchConfig::default(), &knowledge, &trace.sidecar.name, 1);
     let samples = samples(&trace.recording, &readings_n_m);
     let bases = instants.iter().map(|now| [now.base.origin().x(), now.base.origin().y(), now.base.yaw_rad()]);
