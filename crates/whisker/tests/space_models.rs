@@ -69,15 +69,14 @@ fn all_around() -> Vec<f64> {
     (0..9).map(|i| TAU * f64::from(i) / 9.0).collect()
 }
 
+/// Data without noise of a simulated whisker.
+fn exact_data<'a>(whisker: &'a SpatialWhisker, lines: &'a [Vec<SpatialSample>]) -> SpatialFitData<'a> {
+    SpatialFitData { whisker, lines, reference_noise_sd_n_m: 0.0, across: Across::Normal, real_sensor: false }
+}
+
 fn fitted(whisker: &SpatialWhisker, kind: &str, config: serde_json::Value) -> CalibratedSpace {
     let lines = lines(whisker, &all_around());
-    let data = SpatialFitData {
-        whisker,
-        lines: &lines,
-        reference_noise_sd_n_m: 0.0,
-        across: Across::Normal,
-        real_sensor: false,
-    };
+    let data = exact_data(whisker, &lines);
     sensor::fit(spatial_model(kind).unwrap(), &config, &data).unwrap().calibrated
 }
 
@@ -220,13 +219,7 @@ fn val_directions_are_those_of_the_rod() {
 fn robust_a_calibration_in_one_plane_is_refused() {
     let whisker = &whiskers()[0];
     let lines = lines(whisker, &[0.0, 0.5 * TAU]);
-    let data = SpatialFitData {
-        whisker,
-        lines: &lines,
-        reference_noise_sd_n_m: 0.0,
-        across: Across::Normal,
-        real_sensor: false,
-    };
+    let data = exact_data(whisker, &lines);
     for row in SPATIAL_MODELS {
         let Err(ModelError::Data(reason)) = sensor::fit(row, &(row.defaults)(), &data) else {
             panic!("{}: a planar calibration was accepted", row.kind)

@@ -170,6 +170,7 @@ impl Around {
 mod tests {
     use super::*;
     use crate::Curvature;
+    use crate::space::sensor::testing::hook;
 
     #[test]
     fn verif_coordinates_are_inverted_and_derivatives_are_those_of_differences() {
@@ -188,13 +189,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    /// A whisker with a radius of curvature of 20 mm near its tip, similar to a real one.
-    fn hook() -> Whisker {
-        let curvature = [(0.037, 0.0), (0.016, 50.0)];
-        let curvature = curvature.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m });
-        Whisker { curvature: curvature.into(), length_m: 0.053, ..Whisker::straight() }
     }
 
     #[test]

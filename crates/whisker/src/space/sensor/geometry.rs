@@ -83,15 +83,12 @@ fn unit(vector: Vector3<f64>, slopes: Matrix3<f64>) -> (Vector3<f64>, Matrix3<f6
 mod tests {
     use super::*;
     use crate::Whisker;
-    use crate::rod::Suspension;
     use crate::space::sensor::Across;
+    use crate::space::sensor::testing::evenly_suspended;
 
     #[test]
     fn robust_contacts_out_of_reach_have_the_directions_of_those_nearer_to_the_whisker() {
-        let whisker = Whisker::straight();
-        let k = whisker.root_stiffness_n_m_rad;
-        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
-        let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
+        let whisker = evenly_suspended(Whisker::straight());
         let domain = |away_m: f64| SpatialDomain {
             arc_m: vec![0.04, 0.07],
             directions: 4,

@@ -16,6 +16,8 @@ mod polynomial;
 mod rod;
 mod table;
 mod tabulated;
+#[cfg(test)]
+mod testing;
 
 use std::fmt::Debug;
 use std::sync::{Arc, OnceLock};

@@ -47,21 +47,15 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::rod::Suspension;
-    use crate::space::sensor::{Across, SpatialDomain, SpatialWhisker};
-    use crate::{Curvature, Whisker};
+    use crate::space::sensor::testing::{evenly_suspended, hook};
+    use crate::space::sensor::{Across, SpatialDomain};
 
     #[test]
     fn verif_predictions_across_the_chord_are_those_of_the_tabulated_function() {
-        let pieces = [(0.037, 0.0), (0.016, 50.0)];
-        let curvature = pieces.map(|(length_m, curvature_per_m)| Curvature { length_m, curvature_per_m });
-        let whisker = Whisker { curvature: curvature.into(), length_m: 0.053, ..Whisker::straight() };
-        let k = whisker.root_stiffness_n_m_rad;
-        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
+        let whisker = evenly_suspended(hook());
         let domain =
             SpatialDomain { arc_m: vec![0.03, 0.053], directions: 4, away_m: vec![25e-3; 8], across: Across::Chord };
-        let axis = domain.axis(&whisker);
-        let whisker = SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 };
+        let axis = domain.axis(&whisker.whisker);
         let exact = |contact: Point<Base>| {
             let [x, y, z] = contact.vector().into();
             Vector2::new((20.0 * y).sin() + x, 30.0 * x * z)

@@ -210,14 +210,11 @@ mod tests {
 
     use super::*;
     use crate::Whisker;
-    use crate::rod::Suspension;
+    use crate::space::sensor::testing::evenly_suspended;
     use crate::space::sensor::{Across, SpatialDomain, SpatialWhisker};
 
     fn whisker() -> SpatialWhisker {
-        let whisker = Whisker::curved();
-        let k = whisker.root_stiffness_n_m_rad;
-        let suspension = Suspension { yaw_n_m_rad: k, pitch_n_m_rad: k, twist_n_m_rad: k };
-        SpatialWhisker { whisker, suspension, poisson_ratio: 0.33 }
+        evenly_suspended(Whisker::curved())
     }
 
     /// Lines of contacts in all directions, with the readings of a smooth map.
