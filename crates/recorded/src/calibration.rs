@@ -68,6 +68,6 @@ impl Calibrated {
         let held_out = process.inflate(&neighbours);
         held_out.with_context(|| format!("{}: rows: singular covariance of held-out lines", place()))?;
         let SpatialCalibration { name, root_m, wire, .. } = calibration.clone();
-        Ok(Self { name, samples, process, outliers, root_m, wire, neighbours })
+        Ok(Self { name, samples, process, outliers: outliers.len(), root_m, wire, neighbours })
     }
 }

@@ -79,7 +79,7 @@ pub(crate) fn fit_spatial_calibration(
     let mut lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
     let mut across = Across::Normal;
     if real_sensor {
-        (across, _) = sensor::unambiguous(&rod.whisker.whisker, &mut lines);
+        across = sensor::screened(&rod.whisker.whisker, &mut lines).across;
     }
     let data = SpatialFitData {
         whisker: &rod.whisker,

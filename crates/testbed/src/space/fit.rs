@@ -14,7 +14,7 @@ use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSid
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{
-    self, Across, SPATIAL_MODELS, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
+    self, Across, SPATIAL_MODELS, Screening, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
 };
 
 use super::{largest_reading_n_m, to_base};
@@ -171,17 +171,14 @@ impl WhiskerFit<'_> {
             let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
             lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
         }
-        let (mut across, mut ambiguous) = (Across::Normal, 0);
-        if is_recorded {
-            (across, ambiguous) = sensor::unambiguous(&whisker.whisker, &mut lines);
-        }
+        let screening = is_recorded.then(|| sensor::screened(&whisker.whisker, &mut lines));
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
         let data = SpatialFitData {
             whisker: &whisker,
             lines: &lines,
             reference_noise_sd_n_m,
-            across,
+            across: screening.map_or(Across::Normal, |screening| screening.across),
             real_sensor: is_recorded,
         };
         let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
@@ -197,13 +194,22 @@ impl WhiskerFit<'_> {
         let front_end = front_end.describe(sensor.into_iter().collect());
         let calibration = SpatialCalibrationFile { front_end, ..calibration };
         write_json(&path, &calibration)?;
-        let contacts = (ambiguous > 0).then(|| {
-            let of = ambiguous + lines.iter().map(Vec::len).sum::<usize>();
-            format!("{ambiguous} of {of} contacts, whose coordinates about the undeflected whisker are not unique")
-        });
+        let contacts = screening.map(|screening| not_fitted(&screening, &lines)).unwrap_or_default();
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out })
     }
+}
+
+/// What a screening left out, given the lines without it.
+fn not_fitted(screening: &Screening, lines: &[Vec<SpatialSample>]) -> Vec<String> {
+    let &Screening { ambiguous, contradicted, .. } = screening;
+    let of = ambiguous + contradicted + lines.iter().map(Vec::len).sum::<usize>();
+    let reasons = [
+        (ambiguous, "whose coordinates about the undeflected whisker are not unique"),
+        (contradicted, "whose readings contradict those of all others, as if the pin had slipped off"),
+    ];
+    let stated = reasons.into_iter().filter(|(count, _)| *count > 0);
+    stated.map(|(count, reason)| format!("{count} of {of} contacts, {reason}")).collect()
 }
 
 /// Fits of the candidates, at least one, and the reasons why others were left out.

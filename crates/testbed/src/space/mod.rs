@@ -11,6 +11,8 @@ pub mod fit;
 mod glb;
 #[cfg(feature = "evaluation")]
 pub mod map;
+#[cfg(feature = "evaluation")]
+pub mod mount;
 pub mod object;
 #[cfg(feature = "evaluation")]
 mod participant;

@@ -9,7 +9,7 @@ use serde_json::Value;
 use whisker::Whisker;
 use whisker::sensor::ModelError;
 use whisker::space::sensor::{
-    CalibratedSpace, READINGS, SPATIAL_MODELS, SpatialDomain, SpatialErrorMap, SpatialFit, SpatialRegion,
+    CalibratedSpace, Mounting, READINGS, SPATIAL_MODELS, SpatialDomain, SpatialErrorMap, SpatialFit, SpatialRegion,
     SpatialWhisker, spatial_model,
 };
 
@@ -45,6 +45,9 @@ pub struct SpatialCalibrationFile {
     /// Whether the sensor is a real one ([`CalibratedSpace::real_sensor`]).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub real_sensor: bool,
+    /// Deviation of the present mounting from that of the calibration, by `whisker mount`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<LearntMounting>,
     /// Hash over the hashes of the traces.
     pub data_sha256: String,
     /// Names of the traces.
@@ -65,6 +68,18 @@ pub struct SpatialCalibrationFile {
     pub models_sha256: String,
     /// Provenance of the file.
     pub watermark: Watermark,
+}
+
+/// Mounting of the sensor, learnt from touches at known places.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearntMounting {
+    /// Deviation from the mounting of the calibration.
+    pub deviation: Mounting,
+    /// Names of the traces with the touches.
+    pub traces: Vec<String>,
+    /// Hash over the hashes of these traces.
+    pub data_sha256: String,
 }
 
 /// Fitted sensor model in space.
@@ -119,6 +134,7 @@ impl SpatialCalibrationFile {
             seed,
             front_end: None,
             real_sensor: *real_sensor,
+            mounting: None,
             data_sha256,
             traces,
             samples: best.samples,
@@ -200,6 +216,7 @@ impl SpatialCalibrationFile {
             heldout_worst_n_m: model.heldout_worst_n_m,
             largest_reading_n_m: self.largest_reading_n_m,
             real_sensor: self.real_sensor,
+            mounting: self.mounting.as_ref().map(|mounting| mounting.deviation),
             geometry: Default::default(),
             whisker,
         })
@@ -227,6 +244,10 @@ impl SpatialCalibrationFile {
                 let expected = format!("none, or that of the whisker, `{}`", self.whisker.name);
                 return Err(Error::value(path, "front_end.sensors", names.join(", "), expected));
             }
+        }
+        if let Some(mounting) = self.mounting.as_ref().filter(|mounting| !mounting.deviation.is_valid()) {
+            let expected = "finite numbers, the covariance symmetric and positive definite";
+            return Err(Error::value(path, "mounting", format!("{mounting:?}"), expected));
         }
         let found = models_sha256(&self.domain, &self.models);
         if found != self.models_sha256 {

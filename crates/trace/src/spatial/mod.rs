@@ -15,7 +15,7 @@ mod table;
 
 pub(crate) use sidecar::other_format;
 
-pub use calibration::{SpatialCalibrationFile, SpatialModelFile};
+pub use calibration::{LearntMounting, SpatialCalibrationFile, SpatialModelFile};
 pub use certificate::SpatialCertificate;
 pub use characteristic::SpatialCharacteristic;
 pub use columns::SPATIAL_COLUMNS;

@@ -10,6 +10,7 @@ mod front_end;
 mod import;
 mod list;
 mod live;
+mod mount;
 mod output;
 mod platform;
 mod played;
@@ -45,6 +46,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Import(import::Arguments),
     Fit(fit::Arguments),
+    Mount(mount::Arguments),
     Replay(replay::Arguments),
     Live(live::Arguments),
     Evaluate(evaluate::Arguments),
@@ -67,6 +69,7 @@ pub fn run() -> anyhow::Result<ExitCode> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Mount(arguments) => mount::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Live(arguments) => live::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -59,11 +59,17 @@ pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
         axis,
         label: "rod".into(),
         model: model.unwrap().into(),
-        error: SpatialErrorMap { along: 2, away: 2, covariances_n2_m2: vec![[1e-18, 0.0, 1e-18]; 4] },
+        error: SpatialErrorMap {
+            along: 2,
+            away: 2,
+            covariances_n2_m2: vec![[1e-18, 0.0, 1e-18]; 4],
+            correlation_m: None,
+        },
         heldout_rms_n_m: 1e-9,
         heldout_worst_n_m: 1e-9,
         largest_reading_n_m: 2e-5,
         real_sensor: false,
+        mounting: None,
         geometry: Default::default(),
         domain,
     };

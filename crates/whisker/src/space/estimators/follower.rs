@@ -168,7 +168,8 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         let Config { iterations, tolerance_sds, gate_sds, prune_share, merge_loss, .. } = self.config;
         let search = Search { iterations, tolerance_sds };
         let acceleration_m_s2 = self.unrest.second.trace().sqrt();
-        let reading = ContactReading { side: &self.side, acceleration_m_s2 };
+        let reading =
+            ContactReading { side: &self.side, acceleration_m_s2, new_share: self.side.new_share(&sample.motion) };
         let innovation = bank.update(|belief| {
             robust::update_vector(belief, &reading, gate_sds, &sample.reading_n_m, |belief, reading, z| {
                 iterated::update(belief, reading, &search, z)

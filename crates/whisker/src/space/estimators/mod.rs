@@ -18,6 +18,7 @@ mod fit;
 mod follower;
 mod model_averaging;
 mod motion;
+mod mounted;
 mod ringing;
 mod side;
 mod start;
@@ -161,6 +162,18 @@ impl Estimator {
     /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
     /// [`ReadingGate`], which counts as missing.
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let knowledge = self.knowledge.clone();
+        match &knowledge.calibrated.mounting {
+            Some(mounting) => {
+                let estimate = self.step_as_calibrated(&mounted::corrected(mounting, sample))?;
+                Some(mounted::stated(mounting, &estimate))
+            }
+            None => self.step_as_calibrated(sample),
+        }
+    }
+
+    /// The same for a sensor that is mounted as at its calibration.
+    fn step_as_calibrated(&mut self, sample: &Sample) -> Option<Estimate> {
         let (sample, touches) = self.touch.step(sample)?;
         if !touches {
             if let Some(tracker) = &mut self.tracker {

@@ -20,6 +20,7 @@ use crate::candidates::{CANDIDATES, LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
 use crate::estimators::{MOST_MODELS, ModelShares};
 use crate::settings::{Settings, SettingsError, with_defaults, within};
+use crate::space::sensor::CalibratedSpace;
 
 /// Probability that the next touch is one of the same object, which keeps the probabilities of the candidates; those of another
 /// object are the priors.
@@ -59,7 +60,8 @@ pub(super) struct Config {
     ignored_share: f64,
     /// Signal that the models are in doubt, by the innovations of the mixture.
     doubt: DoubtSettings,
-    /// Deviations of a real sensor's mounting from that of its calibration, or `null` if the mounting is exact.
+    /// Deviations of a real sensor's mounting from that of its calibration, unless the calibration states them, or `null` if the
+    /// mounting is exact.
     mounting: Option<Mounting>,
 }
 
@@ -90,7 +92,8 @@ impl Mounting {
 
 impl Default for Config {
     /// The factor and the weights of the objects along which a contact slides were chosen on random scenes in space that are not
-    /// reported. A contact at rest has the weight of a rod; the mounting has the standard deviations of `installed` in the plane.
+    /// reported. A contact that sticks is as probable as one that slides; the mounting has the standard deviations of `installed` in
+    /// the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),
@@ -99,7 +102,7 @@ impl Default for Config {
             real_sensors_only: name == "point-fit",
         };
         let weights =
-            [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 10.0)];
+            [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 26.0)];
         Self {
             candidates: weights.map(candidate).into(),
             evidence_power: 0.5,
@@ -163,7 +166,8 @@ impl ModelAveraging {
 
 impl Method for ModelAveraging {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        let counts = |candidate: &Candidate| knowledge.calibrated.real_sensor || !candidate.real_sensors_only;
+        let CalibratedSpace { real_sensor, mounting, .. } = *knowledge.calibrated;
+        let counts = |candidate: &Candidate| real_sensor || !candidate.real_sensors_only;
         let candidates = self.config.candidates.iter().zip(&self.methods).filter(|(candidate, _)| counts(candidate));
         let (mut names, mut trackers, mut weights) = (Vec::new(), Vec::new(), Vec::new());
         for (candidate, (name, method)) in candidates {
@@ -179,7 +183,7 @@ impl Method for ModelAveraging {
             names,
             trackers,
             first,
-            mounting: self.config.mounting.filter(|_| knowledge.calibrated.real_sensor),
+            mounting: self.config.mounting.filter(|_| real_sensor && mounting.is_none()),
             is_free: false,
             doubtful: Doubtful::default(),
             config: self.config.clone(),

@@ -11,7 +11,8 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::ringing::{Beam, Masses};
 use super::{Estimate, Knowledge};
-use crate::space::frames::Point;
+use crate::frames::Base;
+use crate::space::frames::{Point, Pose};
 use crate::space::sensor::{Around, Axis, CalibratedSpace, Directions};
 
 /// Largest distance of a contact from the calibrated domain, as a share of its extent along the whisker.
@@ -73,6 +74,18 @@ impl Side {
     /// Length of the whisker.
     pub(super) fn length_m(&self) -> f64 {
         self.axis().rest().length_m()
+    }
+
+    /// Middle of the undeflected whisker.
+    pub(super) fn middle(&self) -> Point<Base> {
+        Around::new(0.5 * self.length_m(), 0.0, 0.0).contact(self.axis())
+    }
+
+    /// Share of the error of the sensor model that is new after a motion of the base, by which a contact moves about as far as the middle
+    /// of the whisker.
+    pub(super) fn new_share(&self, motion: &Pose<Base, Base>) -> f64 {
+        let middle = self.middle();
+        self.calibrated.error.new_share(motion.apply(middle).distance(&middle))
     }
 
     /// Directions at a contact. `None` if the whisker has none.
@@ -187,6 +200,8 @@ pub(super) struct ContactReading<'a> {
     pub(super) side: &'a Side,
     /// Acceleration of the base (m/s2), by which the inertia of the wire bends it.
     pub(super) acceleration_m_s2: f64,
+    /// Share of the error of the sensor model that is new since the last reading.
+    pub(super) new_share: f64,
 }
 
 impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
@@ -197,7 +212,10 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
     fn noise(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
         let at = Around::of_state(x);
         let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
-        self.side.covariance_n2_m2(at) + Matrix2::identity() * inertia_n_m.powi(2)
+        let expected = self.side.expect(at);
+        let repeated_n2_m2 = expected.model_n2_m2 * (self.new_share.recip() - 1.0);
+        let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(1.0);
+        once_n2_m2 + repeated_n2_m2 + Matrix2::identity() * inertia_n_m.powi(2)
     }
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 2, N>> {

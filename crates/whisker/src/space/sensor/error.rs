@@ -4,8 +4,10 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{Around, SpatialDomain};
+use crate::frames::Base;
 use crate::sensor::Shares;
 use crate::sensor::error_map::corners;
+use crate::space::frames::Point;
 
 /// Nodes along and away.
 const NODES: (usize, usize) = (4, 4);
@@ -28,11 +30,24 @@ pub struct SpatialErrorMap {
     pub away: usize,
     /// Variance in the first axis, covariance, and variance in the second (N2 m2), those of one arc length in sequence.
     pub covariances_n2_m2: Vec<[f64; 3]>,
+    /// Correlation length of the error along the way of a contact (m). `None` if it is not known, as for simulated sensors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correlation_m: Option<f64>,
 }
+
+/// Correlation of the errors at two contacts of one way, this distance apart: exponential covariance function, that of an
+/// Ornstein-Uhlenbeck process.
+pub(crate) fn correlation(distance_m: f64, length_m: f64) -> f64 {
+    (-distance_m / length_m).exp()
+}
+
+/// Smallest share of the error that counts as new.
+const LEAST_SHARE: f64 = 1e-3;
 
 /// A residual on held-out data.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Residual {
+    pub(super) contact: Point<Base>,
     pub(super) at: Around,
     /// Error of the bending moments about y and z.
     pub(super) error_n_m: Vector2<f64>,
@@ -67,13 +82,24 @@ impl SpatialErrorMap {
         let at_node = |(sum, weight): (&Matrix2<f64>, &f64)| raised((sum + mean * prior) / (weight + prior), least);
         let covariances = sums.iter().zip(&weights).map(at_node);
         let covariances_n2_m2 = covariances.map(|c| [c[(0, 0)], c[(0, 1)], c[(1, 1)]]).collect();
-        Self { along, away, covariances_n2_m2 }
+        Self { along, away, covariances_n2_m2, correlation_m: None }
+    }
+
+    /// The map with a known correlation length (m).
+    pub(super) fn with_correlation(self, length_m: f64) -> Self {
+        Self { correlation_m: Some(length_m), ..self }
     }
 
     /// The map with an additional error of the readings, of this standard deviation in every direction.
     pub(super) fn with_offset(&self, sd_n_m: f64) -> Self {
         let widened = |&[first, mixed, second]: &[f64; 3]| [first + sd_n_m * sd_n_m, mixed, second + sd_n_m * sd_n_m];
         Self { covariances_n2_m2: self.covariances_n2_m2.iter().map(widened).collect(), ..self.clone() }
+    }
+
+    /// Share of the error at a contact that is new after this way (m) since the last one: all of it from twice the correlation length
+    /// on, the integral of the correlation. 1 if the correlation is not known.
+    pub fn new_share(&self, way_m: f64) -> f64 {
+        self.correlation_m.map_or(1.0, |length_m| (way_m / (2.0 * length_m)).clamp(LEAST_SHARE, 1.0))
     }
 
     /// Whether the lists describe a map.
@@ -85,6 +111,7 @@ impl SpatialErrorMap {
             && self.away >= 2
             && Some(self.covariances_n2_m2.len()) == self.along.checked_mul(self.away)
             && self.covariances_n2_m2.iter().all(is_definite)
+            && self.correlation_m.is_none_or(|length_m| length_m.is_finite() && length_m > 0.0)
     }
 
     /// Covariance of the errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2.
@@ -129,7 +156,7 @@ mod tests {
                 let at = Around::new(0.045, away_m * azimuth.cos(), away_m * azimuth.sin());
                 let size = if i % 2 == 0 { 1.0 } else { -1.0 } * (1.0 + 2.0 * f64::from(j) / 40.0);
                 let error_n_m = axes(at).column(0) * size;
-                residuals.push(Residual { at, error_n_m, noise_n2_m2: 0.0 });
+                residuals.push(Residual { contact: Point::new(0.045, 0.0, 0.0), at, error_n_m, noise_n2_m2: 0.0 });
             }
         }
         residuals

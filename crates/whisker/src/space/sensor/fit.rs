@@ -1,9 +1,11 @@
 //! Fit of a sensor model in space, with cross-validation over whole lines and their neighbours.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use serde_json::Value;
 
+use super::correlation;
 use super::error::Residual;
+use super::gaussian_process::{self, Kernel};
 use super::{
     Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion,
     SpatialSample, SpatialWhisker,
@@ -80,23 +82,35 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     }
     let region = SpatialRegion { whisker: data.whisker, domain: &domain };
     let learnt = (row.fit)(&region, &lines, config)?;
-    let neighbours = neighbours(&lines);
-    let mut residuals = Vec::new();
-    for (line, samples) in lines.iter().enumerate() {
-        let predicted = (learnt.without)(line, &neighbours[line])?;
-        residuals.extend(samples.iter().zip(predicted).map(|(sample, predicted_n_m)| Residual {
-            at: Around::of(&axis, sample.contact),
-            error_n_m: predicted_n_m - sample.reference_n_m,
-            noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
-        }));
-    }
+    let held_out = |groups: &[Vec<usize>]| -> Result<Vec<Vec<Residual>>, ModelError> {
+        let of_line = |line: usize| {
+            let predicted = (learnt.without)(line, &groups[line])?;
+            let residual = |(sample, predicted_n_m): (&SpatialSample, Vector2<f64>)| Residual {
+                contact: sample.contact,
+                at: Around::of(&axis, sample.contact),
+                error_n_m: predicted_n_m - sample.reference_n_m,
+                noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
+            };
+            Ok(lines[line].iter().zip(predicted).map(residual).collect())
+        };
+        (0..lines.len()).map(of_line).collect()
+    };
+    let by_line = held_out(&neighbours(&lines))?;
+    let residuals: Vec<Residual> = by_line.concat();
     let largest_reading_n_m = all.iter().map(|sample| sample.reference_n_m.norm()).fold(0.0, f64::max);
     let count = residuals.len() as f64;
     let noise_n2_m2 = residuals.iter().map(|residual| residual.noise_n2_m2).sum::<f64>() / count;
     // An error that the noise of so many samples may hide counts as error, and so does a millionth of the range.
     let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
     let mean_square = residuals.iter().map(|residual| residual.error_n_m.norm_squared()).sum::<f64>() / (2.0 * count);
-    let error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
+    let mut error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
+    if data.real_sensor {
+        // A contact between the lines is nearer to them than a line to the second next ones.
+        let own: Vec<Vec<usize>> = (0..lines.len()).map(|line| vec![line]).collect();
+        let by_line = held_out(&own)?;
+        let length_m = correlation::length_m(&by_line).unwrap_or(Kernel::START.line_length_m);
+        error = SpatialErrorMap::new(&domain, &by_line.concat(), least_n2_m2).with_correlation(length_m);
+    }
     let calibrated = CalibratedSpace {
         whisker: data.whisker.clone(),
         axis,
@@ -108,21 +122,39 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
         heldout_worst_n_m: residuals.iter().map(|residual| residual.error_n_m.amax()).fold(0.0, f64::max),
         largest_reading_n_m,
         real_sensor: data.real_sensor,
+        mounting: None,
         geometry: Default::default(),
     };
     Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })
 }
 
-/// Direction of the coordinates for the contacts of a real sensor, which may be deflected by more than its radius of curvature. Leaves
-/// out the contacts whose coordinates are not unique even so, and returns their number.
-pub fn unambiguous(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> (Across, usize) {
+/// Contacts of a real sensor that are not fitted, and the direction of the coordinates of the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Screening {
+    /// Direction of the coordinates: the whisker may be deflected by more than its radius of curvature.
+    pub across: Across,
+    /// Number of contacts whose coordinates are not unique even so.
+    pub ambiguous: usize,
+    /// Number of contacts whose readings contradict those of all others: the pin slipped off, or the wire jumped to another
+    /// equilibrium.
+    pub contradicted: usize,
+}
+
+/// Leaves out the contacts of a real sensor that cannot be fitted.
+pub fn screened(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> Screening {
     let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
+    let all = count(lines);
     let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
     let across = Across::of(whisker, &contacts);
     let axis = Axis::new(whisker, across);
     lines.iter_mut().for_each(|line| line.retain(|sample| axis.is_unique(sample.contact)));
+    let unique = count(lines);
+    let outliers = gaussian_process::contradicted(lines);
+    let mut indices = 0..unique;
+    let mut is_kept = |_: &SpatialSample| indices.next().is_some_and(|i| outliers.binary_search(&i).is_err());
+    lines.iter_mut().for_each(|line| line.retain(&mut is_kept));
     lines.retain(|line| !line.is_empty());
-    (across, contacts.len() - count(lines))
+    Screening { across, ambiguous: all - unique, contradicted: outliers.len() }
 }
 
 /// Means of consecutive samples over which the contact moved by less than [`BLOCK_M`].

@@ -7,11 +7,13 @@
 //! To add a model: one file beside `polynomial.rs`, and one row in [`SPATIAL_MODELS`].
 
 mod coordinates;
+mod correlation;
 mod domain;
 mod error;
 mod fit;
 pub mod gaussian_process;
 mod geometry;
+mod mounting;
 mod polynomial;
 mod rod;
 mod table;
@@ -34,8 +36,10 @@ use crate::{Invalid, Whisker};
 pub use coordinates::{Across, Around, Axis};
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
-pub use fit::{SpatialFit, SpatialFitData, fit, unambiguous};
+pub(crate) use error::correlation;
+pub use fit::{Screening, SpatialFit, SpatialFitData, fit, screened};
 pub use geometry::{Directions, Geometry};
+pub use mounting::{KnownContact, Mounting};
 
 /// Names of the readings, in order, as in the columns of a trace in space.
 pub const READINGS: [&str; 2] = ["moment_y_n_m", "moment_z_n_m"];
@@ -214,6 +218,8 @@ pub struct CalibratedSpace {
     /// Whether the sensor is a real one: friction may hold contacts in place, and the mounting may deviate from that of the
     /// calibration. Simulated traces in space have neither friction nor such deviations.
     pub real_sensor: bool,
+    /// Deviation of the present mounting from that of the calibration, where touches at known places have determined it.
+    pub mounting: Option<Mounting>,
     /// Directions at the contacts, computed on first use.
     pub geometry: OnceGeometry,
 }

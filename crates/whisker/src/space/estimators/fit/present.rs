@@ -35,7 +35,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
         if beliefs.is_empty() {
             // Without a contact there, the object explains no reading.
-            self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
+            let share = self.side.new_share(&sample.motion);
+            self.count((1.0 - 0.5 * self.config.gate_sds.powi(2)) * share);
         }
         let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
         for (belief, ..) in &mut beliefs {
@@ -44,7 +45,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
         self.slipped.advance(&SLIPPED, sample.dt_s, innovation);
         if let Some(innovation) = &innovation {
-            self.count(self.evidence_of(innovation, &likeliest));
+            let share = self.side.new_share(&sample.motion);
+            self.count(self.evidence_of(innovation, &likeliest) * share);
         }
         let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
         let mut estimate = self.side.estimate(&belief, innovation)?;

@@ -3,14 +3,14 @@
 use std::cmp::Ordering;
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Matrix2, Matrix2x4, SMatrix, SVector};
+use nalgebra::{Cholesky, Const, Matrix2, Matrix2x4, SMatrix, SVector, Vector2};
 
 use super::readings::Mean;
 use crate::frames::{Base, Start};
 use crate::space::estimators::motion::{Fitted, Object, Shape, TILT, TILT_S};
 use crate::space::estimators::side::Side;
-use crate::space::frames::Pose;
-use crate::space::sensor::{Around, Axis};
+use crate::space::frames::{Point, Pose};
+use crate::space::sensor::{Around, Axis, correlation};
 
 /// Damping of the first step, its factors after accepted and rejected steps, and the damping that ends the search.
 const FIRST_DAMPING: f64 = 1e-3;
@@ -30,6 +30,9 @@ pub(super) const START_TRIALS: usize = 12;
 /// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency.
 /// Where the base moves to and fro, this tilt looks like another curvature of the object.
 const INERTIA_SD: f64 = 0.4;
+
+/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error.
+const LEAST_CHANGE: f64 = 0.1;
 
 /// Work on a mean beside the search for its contact, in evaluations of the whisker's geometry.
 const MEAN_WORK: usize = 2;
@@ -117,6 +120,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         reference: &Pose<Base, Start>,
         mean: &Mean,
         near: &mut Around,
+        last: &mut Option<Link<N>>,
         work: &mut usize,
     ) -> bool {
         let Self { side, shape, .. } = self;
@@ -134,7 +138,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let inertial = about.inertial_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
         let expected = side.expect(Around::of_state(&(near.vector() + by_tilt * inertial.rad)));
         let by_contact = expected.slopes;
-        let slopes = by_contact * slopes;
+        let mut slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration of a stay, its variance with the square.
         let repeats = 1.0 + (mean.stay_s() / (2.0 * TILT_S)).powi(2);
         let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
@@ -142,17 +146,67 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
         let independent = side.noise_of_mean_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
         let covariance = expected.covariance_n2_m2() + independent + by_tilt * by_tilt.transpose();
-        let Some(factor) = covariance.cholesky() else { return false };
-        let residual = expected.reading_n_m - mean.reading_n_m;
+        let Some(mut factor) = covariance.cholesky() else { return false };
+        let mut residual = expected.reading_n_m - mean.reading_n_m;
+        let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
+        let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
+        let mut common = Matrix2x4::from_columns(&common);
+        if let Some(length_m) = side.calibrated.error.correlation_m {
+            common.fixed_columns_mut::<2>(0).fill(0.0);
+            let place = mean.base().apply(side.middle());
+            let share = (expected.model_n2_m2.trace() / covariance.trace()).sqrt();
+            let link = Link::new(&factor, (residual, slopes, common), place, share);
+            (residual, slopes, common) = link.change_from(last.as_ref(), length_m);
+            factor = Cholesky::pack_dirty(Matrix2::identity());
+            *last = Some(link);
+        }
         let squared = residual.dot(&factor.solve(&residual));
         let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
-        let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
-        let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
-        quadratic.pull += slopes.tr_mul(&factor.solve(&Matrix2x4::from_columns(&common))) * weight;
+        quadratic.pull += slopes.tr_mul(&factor.solve(&common)) * weight;
         true
+    }
+}
+
+/// A mean whose errors are correlated with those of the next one, in units of its standard deviations.
+#[derive(Clone, Copy, Debug)]
+struct Link<const N: usize> {
+    row: Row<N>,
+    /// Place of the whisker's middle.
+    place: Point<Start>,
+    /// Square root of the share of the variance that is the error of the sensor model.
+    share: f64,
+}
+
+/// Residual of a mean, its slopes by the state, and the effects of common errors.
+type Row<const N: usize> = (Vector2<f64>, SMatrix<f64, 2, N>, Matrix2x4<f64>);
+
+impl<const N: usize> Link<N> {
+    /// That of a mean, given a factor of its covariance.
+    fn new(
+        factor: &Cholesky<f64, Const<2>>,
+        (residual, slopes, common): Row<N>,
+        place: Point<Start>,
+        share: f64,
+    ) -> Self {
+        let l = factor.l();
+        let row = (
+            l.solve_lower_triangular_unchecked(&residual),
+            l.solve_lower_triangular_unchecked(&slopes),
+            l.solve_lower_triangular_unchecked(&common),
+        );
+        Self { row, place, share }
+    }
+
+    /// The part that is independent of the last mean, in units of its standard deviation.
+    fn change_from(&self, last: Option<&Self>, length_m: f64) -> Row<N> {
+        let Some(last) = last else { return self.row };
+        let share = correlation(self.place.distance(&last.place), length_m) * self.share * last.share;
+        let sd = (1.0 - share * share).sqrt().max(LEAST_CHANGE);
+        let ((a, b, c), (x, y, z)) = (self.row, last.row);
+        ((a - x * share) / sd, (b - y * share) / sd, (c - z * share) / sd)
     }
 }
 
@@ -175,6 +229,8 @@ pub(super) struct Search<Body, const N: usize> {
     trial: Fitted<Body, N>,
     quadratic: Quadratic<N>,
     done: usize,
+    /// The last of the means that it includes, if the errors of the sensor model are correlated.
+    last_mean: Option<Link<N>>,
 }
 
 impl<Body: Object, const N: usize> Search<Body, N> {
@@ -204,6 +260,7 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             trial,
             quadratic,
             done: 0,
+            last_mean: None,
         })
     }
 
@@ -246,7 +303,8 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             let axis = evidence.side.axis();
             Around::of(axis, base.then(&mean.base().inverse()).apply(at.contact(axis)))
         });
-        if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near, work) {
+        let Self { quadratic, trial, reference, last_mean, .. } = self;
+        if evidence.add(quadratic, trial, reference, mean, &mut near, last_mean, work) {
             self.near[i] = Some(near);
             self.last = (near, *mean.base());
         }
@@ -275,7 +333,7 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             side.hold(&mut moved);
             if let Some(trial) = Fitted::new(side, shape, &moved) {
                 self.quadratic = Quadratic::of_prior(&self.prior, &moved);
-                (self.trial, self.done) = (trial, 0);
+                (self.trial, self.done, self.last_mean) = (trial, 0, None);
                 return false;
             }
             self.damping *= MORE;

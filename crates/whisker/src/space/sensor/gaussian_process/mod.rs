@@ -135,6 +135,11 @@ pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
 
 /// Evenly spaced samples of all lines, at most this many.
 fn thinned(lines: &[Vec<SpatialSample>], most: usize) -> Vec<Sample> {
+    places(lines, most).map(|(_, sample)| sample).collect()
+}
+
+/// The same with the index of each among all samples.
+fn places(lines: &[Vec<SpatialSample>], most: usize) -> impl Iterator<Item = (usize, Sample)> {
     let all = lines.iter().enumerate().flat_map(|(line, samples)| {
         samples.iter().map(move |sample| Sample {
             contact_m: sample.contact.vector(),
@@ -145,8 +150,19 @@ fn thinned(lines: &[Vec<SpatialSample>], most: usize) -> Vec<Sample> {
     let count = lines.iter().map(Vec::len).sum::<usize>();
     let most = most.min(count);
     // Number of samples kept among the first `i`: their share of the largest number.
-    let kept = |i: usize| i * most / count;
-    all.enumerate().filter(|(i, _)| kept(i + 1) > kept(*i)).map(|(_, sample)| sample).collect()
+    let kept = move |i: usize| i * most / count;
+    all.enumerate().filter(move |(i, _)| kept(i + 1) > kept(*i))
+}
+
+/// Indices, among the samples of all lines, of those that the others contradict: at most an evenly spaced part of many samples is
+/// examined. None if there are too few samples for a process.
+pub(super) fn contradicted(lines: &[Vec<SpatialSample>]) -> Vec<usize> {
+    let (indices, samples): (Vec<usize>, Vec<Sample>) = places(lines, Config::default().most_samples).unzip();
+    if samples.len() < LEAST_SAMPLES {
+        return Vec::new();
+    }
+    let found = Process::robust(&samples, [Kernel::START; 2]).map(|(_, outliers)| outliers);
+    found.unwrap_or_default().into_iter().map(|i| indices[i]).collect()
 }
 
 fn singular() -> ModelError {
@@ -178,7 +194,7 @@ pub(super) fn fit(
         ));
     }
     let kernels = selected(&samples).ok_or_else(singular)?;
-    let (process, _) = Process::robust(&samples, kernels).ok_or_else(singular)?;
+    let process = Process::new(&samples, kernels).ok_or_else(singular)?;
     let stored = Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() };
     let model = GaussianProcess::new(region, stored).ok_or_else(singular)?;
     let lines = lines.to_vec();

@@ -74,10 +74,11 @@ impl Process {
         })
     }
 
-    /// Fits a process without outliers, and returns the number of samples that were left out. An outlier impairs the predictions
+    /// Fits a process without outliers, and returns the indices of the samples that were left out. An outlier impairs the predictions
     /// of its neighbours, so that those with more than half of the largest normalised residual are left out first.
-    pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, usize)> {
+    pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, Vec<usize>)> {
         let mut process = Self::new(samples, kernels)?;
+        let mut kept: Vec<usize> = (0..samples.len()).collect();
         for _ in 0..OUTLIER_ROUNDS {
             let sizes: Vec<f64> = (0..process.samples.len()).map(|i| process.left_out_sds(i)).collect();
             let most = sizes.iter().copied().fold(0.0, f64::max);
@@ -85,11 +86,10 @@ impl Process {
             if most <= least {
                 break;
             }
-            let kept =
-                process.samples.iter().zip(&sizes).filter(|(_, size)| **size <= least).map(|(sample, _)| *sample);
-            process = Self::new(&kept.collect::<Vec<_>>(), kernels)?;
+            kept = kept.into_iter().zip(&sizes).filter(|(_, size)| **size <= least).map(|(i, _)| i).collect();
+            process = Self::new(&kept.iter().map(|&i| samples[i]).collect::<Vec<_>>(), kernels)?;
         }
-        let outliers = samples.len() - process.samples.len();
+        let outliers = (0..samples.len()).filter(|i| kept.binary_search(i).is_err()).collect();
         Some((process, outliers))
     }
 

@@ -1,0 +1,76 @@
+//! Correlation length of the errors of a sensor model along lines of contacts.
+
+use super::error::{Residual, correlation};
+
+/// Smallest and largest correlation length (m), and the number of lengths that are compared, evenly spaced in their logarithms.
+const RANGE_M: [f64; 2] = [0.2e-3, 20e-3];
+const COMPARED: usize = 60;
+
+/// The correlation length (m) of an exponential covariance function that fits the errors of both readings best, in the least
+/// squares of the correlations of all pairs of one line. The correlation of a pair is `2 a.b / (a.a + b.b)`, which is bounded, so
+/// that single large errors do not decide. `None` if no line has two contacts.
+pub(super) fn length_m(lines: &[Vec<Residual>]) -> Option<f64> {
+    let mut pairs: Vec<(f64, f64)> = Vec::new();
+    for line in lines {
+        for (i, one) in line.iter().enumerate() {
+            pairs.extend(line[i + 1..].iter().filter_map(|other| {
+                let size = 0.5 * (one.error_n_m.norm_squared() + other.error_n_m.norm_squared());
+                let correlation = one.error_n_m.dot(&other.error_n_m) / size;
+                (size > 0.0).then(|| (one.contact.distance(&other.contact), correlation))
+            }));
+        }
+    }
+    let misfit = |length_m: f64| -> f64 {
+        pairs.iter().map(|(distance_m, found)| (correlation(*distance_m, length_m) - found).powi(2)).sum()
+    };
+    let [least_m, most_m] = RANGE_M;
+    let lengths = (0..COMPARED).map(|i| least_m * (most_m / least_m).powf(i as f64 / (COMPARED - 1) as f64));
+    let scored = lengths.map(|length_m| (length_m, misfit(length_m)));
+    (!pairs.is_empty()).then(|| scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(length_m, _)| length_m))?
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::space::frames::Point;
+    use crate::space::sensor::Around;
+
+    fn residual(along_m: f64, error_n_m: Vector2<f64>) -> Residual {
+        Residual {
+            contact: Point::new(along_m, 0.0, 0.0),
+            at: Around::new(along_m, 0.0, 0.0),
+            error_n_m,
+            noise_n2_m2: 0.0,
+        }
+    }
+
+    /// Waves whose lengths and phases differ from line to line, with errors that grow along each line.
+    #[test]
+    fn verif_the_length_scales_with_the_errors() {
+        let lines = |scale: f64| -> Vec<Vec<_>> {
+            let line = |i: i32| {
+                let (phase, rate) = (2.4 * f64::from(i), 0.6 + 0.8 * (0.618 * f64::from(i)).fract());
+                let sample = |step: i32| {
+                    let along_m = 0.5e-3 * f64::from(step);
+                    let angle = phase + rate * along_m / (scale * 1e-3);
+                    let error = Vector2::new(angle.sin(), (1.7 * angle).cos()) * (1.0 + 100.0 * along_m);
+                    residual(along_m, error)
+                };
+                (0..30).map(sample).collect()
+            };
+            (0..80).map(line).collect()
+        };
+        let [short_m, long_m] = [1.0, 2.0].map(|scale| length_m(&lines(scale)).unwrap());
+        assert!((0.3e-3..3e-3).contains(&short_m), "{short_m}");
+        assert!((1.6..2.5).contains(&(long_m / short_m)), "{long_m} {short_m}");
+    }
+
+    #[test]
+    fn robust_single_contacts_have_no_correlation_length() {
+        let line = || vec![residual(0.03, Vector2::new(1.0, 0.0))];
+        assert_eq!(length_m(&[line(), line()]), None);
+        assert_eq!(length_m(&[]), None);
+    }
+}

@@ -1,0 +1,194 @@
+//! Deviation of a sensor's mounting from that of its calibration, learnt from touches at known places.
+//!
+//! A sensor that was taken off and mounted again has another place and direction, which shift all its contacts. Touches at known
+//! places determine both: the readings are those of contacts whose coordinates in Base, as the calibration has it, deviate by a
+//! small motion. The motion is fitted by generalised least squares (Gauss-Newton) with the covariance of the sensor model's
+//! errors, which are correlated along the way of a contact.
+
+use nalgebra::{
+    DMatrix, DVector, Matrix2, Matrix2x6, Matrix3, Matrix3x6, Matrix6, Rotation3, Vector2, Vector3, Vector6,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{CalibratedSpace, correlation};
+use crate::frames::Base;
+use crate::space::frames::{Point, Pose};
+
+/// Prior standard deviations of the translation along each axis (m) and of the rotation about each (rad).
+const SHIFT_SD_M: f64 = 1e-3;
+const TURN_SD_RAD: f64 = 0.03;
+
+/// Standard deviation of an offset of the readings that is constant in a touch, relative to the largest one: drift of the rest reading.
+const REST_SD: f64 = 2e-3;
+
+/// Largest number of contacts of a touch that are used: more of them are thinned evenly.
+const MOST_CONTACTS: usize = 40;
+
+/// Normalised square of a residual (of two degrees of freedom) beyond which a contact is left out.
+const OUTLIER: f64 = 25.0;
+const ITERATIONS: usize = 12;
+
+/// A known contact and the reading there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownContact {
+    /// The contact in Base.
+    pub contact: Point<Base>,
+    /// Bending moments about y and z of Base relative to rest (N m), 2x1.
+    pub reading_n_m: Vector2<f64>,
+}
+
+/// A contact at `c` in Base gives the readings of the calibrated sensor for a contact at `R c + t`, with the rotation `R` and the
+/// translation `t`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mounting {
+    /// Translation (m), 3x1.
+    pub shift_m: Vector3<f64>,
+    /// Rotation vector (rad), 3x1.
+    pub turn_rad: Vector3<f64>,
+    /// Covariance of both (m2, m rad, rad2), 6x6.
+    pub covariance: Matrix6<f64>,
+}
+
+impl Mounting {
+    /// Smallest number of contacts that determine a mounting.
+    pub const LEAST_CONTACTS: usize = 6;
+
+    /// The mounting that explains touches at known places, each with its contacts in order of time. `noise_sd_n_m` is the standard
+    /// deviation of the measurement noise of each moment. `None` if fewer than six contacts lie within the calibrated domain.
+    pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Self> {
+        let touches: Vec<Vec<KnownContact>> = touches.iter().map(|touch| thinned(touch)).collect();
+        let prior = Vector6::new(SHIFT_SD_M, SHIFT_SD_M, SHIFT_SD_M, TURN_SD_RAD, TURN_SD_RAD, TURN_SD_RAD);
+        let weights = prior.map(|sd| 1.0 / (sd * sd));
+        let mut found = Self {
+            shift_m: Vector3::zeros(),
+            turn_rad: Vector3::zeros(),
+            covariance: Matrix6::from_diagonal(&prior.component_mul(&prior)),
+        };
+        for _ in 0..ITERATIONS {
+            let mut normal = Matrix6::from_diagonal(&weights);
+            let mut gradient = -found.vector().component_mul(&weights);
+            let mut used = 0;
+            for touch in &touches {
+                let rows = found.rows(calibrated, touch, noise_sd_n_m);
+                used += rows.len();
+                let covariance = joint(&rows, calibrated, noise_sd_n_m);
+                let jacobian = DMatrix::from_fn(2 * rows.len(), 6, |i, j| rows[i / 2].slopes[(i % 2, j)]);
+                let residual = DVector::from_fn(2 * rows.len(), |i, _| rows[i / 2].residual_n_m[i % 2]);
+                let factor = covariance.cholesky()?;
+                let solved = factor.solve(&jacobian);
+                normal += (jacobian.transpose() * &solved).fixed_view::<6, 6>(0, 0);
+                gradient += (solved.transpose() * residual).fixed_rows::<6>(0);
+            }
+            if used < Self::LEAST_CONTACTS {
+                return None;
+            }
+            let factor = normal.cholesky()?;
+            let next = found.vector() + factor.solve(&gradient);
+            found = Self {
+                shift_m: next.fixed_rows::<3>(0).into_owned(),
+                turn_rad: next.fixed_rows::<3>(3).into_owned(),
+                covariance: symmetric(&factor.inverse()),
+            };
+        }
+        Some(found)
+    }
+
+    fn vector(&self) -> Vector6<f64> {
+        let (t, r) = (self.shift_m, self.turn_rad);
+        Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
+    }
+
+    /// Pose of Base in the Base of the calibration.
+    pub fn pose(&self) -> Pose<Base, Base> {
+        Pose::new(self.shift_m, Rotation3::new(self.turn_rad))
+    }
+
+    /// Whether the numbers are finite, and the covariance positive definite.
+    pub fn is_valid(&self) -> bool {
+        let is_finite = self.vector().iter().chain(&self.covariance).all(|value| value.is_finite());
+        is_finite && self.covariance == self.covariance.transpose() && self.covariance.cholesky().is_some()
+    }
+
+    /// Covariance (m2), 3x3, by which the mounting is not known, of a contact in the Base of the calibration.
+    pub fn contact_covariance_m2(&self, contact: &Point<Base>) -> Matrix3<f64> {
+        let by_mounting = by_motion(contact.vector() - self.shift_m);
+        by_mounting * self.covariance * by_mounting.transpose()
+    }
+
+    /// The same of a direction there (rad2).
+    pub fn direction_covariance(&self, direction: &Vector3<f64>) -> Matrix3<f64> {
+        let by_turn = direction.cross_matrix();
+        by_turn * self.covariance.fixed_view::<3, 3>(3, 3) * by_turn.transpose()
+    }
+
+    /// Residuals of the contacts of a touch within the calibrated domain, with their derivatives by shift and turn.
+    fn rows(&self, calibrated: &CalibratedSpace, touch: &[KnownContact], noise_sd_n_m: f64) -> Vec<Row> {
+        let pose = self.pose();
+        let row = |known: &KnownContact| {
+            let contact = pose.apply(known.contact);
+            let predicted = calibrated.predict(contact)?;
+            let residual_n_m = known.reading_n_m - predicted.reading_n_m;
+            let model = calibrated.model_covariance_n2_m2(calibrated.around(contact));
+            let factor = model.cholesky()?.l();
+            let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2) + noise_sd_n_m.powi(2);
+            let slopes = predicted.gradient_n * by_motion(contact.vector() - self.shift_m);
+            let single = model + Matrix2::identity() * rest_n2_m2 + slopes * self.covariance * slopes.transpose();
+            let square = residual_n_m.dot(&single.cholesky()?.solve(&residual_n_m));
+            (square <= OUTLIER).then_some(Row { contact, residual_n_m, slopes, factor })
+        };
+        touch.iter().filter_map(row).collect()
+    }
+}
+
+/// Residual of a contact, its slopes by the mounting, and the factor of the covariance of the sensor model's error.
+struct Row {
+    contact: Point<Base>,
+    residual_n_m: Vector2<f64>,
+    slopes: Matrix2x6<f64>,
+    factor: Matrix2<f64>,
+}
+
+/// Derivatives of a point by a small motion of the frame it is given in, at this distance from the origin before the translation:
+/// `d(R c + t) = dt + dw x R c`.
+fn by_motion(turned_m: Vector3<f64>) -> Matrix3x6<f64> {
+    let mut slopes = Matrix3x6::zeros();
+    slopes.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
+    slopes.fixed_columns_mut::<3>(3).copy_from(&-turned_m.cross_matrix());
+    slopes
+}
+
+/// Covariance of the readings of one touch.
+fn joint(rows: &[Row], calibrated: &CalibratedSpace, noise_sd_n_m: f64) -> DMatrix<f64> {
+    let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2);
+    let mut covariance = DMatrix::zeros(2 * rows.len(), 2 * rows.len());
+    for (i, one) in rows.iter().enumerate() {
+        for (j, other) in rows.iter().enumerate() {
+            let shared = match calibrated.error.correlation_m {
+                Some(length_m) => correlation(one.contact.distance(&other.contact), length_m),
+                None => f64::from(u8::from(i == j)),
+            };
+            let mut block = one.factor * other.factor.transpose() * shared;
+            for axis in 0..2 {
+                block[(axis, axis)] += rest_n2_m2 + if i == j { noise_sd_n_m.powi(2) } else { 0.0 };
+            }
+            covariance.fixed_view_mut::<2, 2>(2 * i, 2 * j).copy_from(&block);
+        }
+    }
+    covariance
+}
+
+/// A matrix that is symmetric but for rounding, made so.
+fn symmetric(matrix: &Matrix6<f64>) -> Matrix6<f64> {
+    (matrix + matrix.transpose()) * 0.5
+}
+
+/// At most [`MOST_CONTACTS`] contacts, evenly spaced, up to the largest reading: after it, the whisker may slip off the pin, and the
+/// contact is no longer at the known place.
+fn thinned(touch: &[KnownContact]) -> Vec<KnownContact> {
+    let sizes = touch.iter().map(|known| known.reading_n_m.norm()).enumerate();
+    let last = sizes.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i + 1);
+    let touch = &touch[..last];
+    let count = touch.len().min(MOST_CONTACTS);
+    (0..count).map(|i| touch[i * touch.len() / count]).collect()
+}
