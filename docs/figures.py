@@ -89,6 +89,7 @@ TABLES = {
     "space_times": Table("spatial/space_times.csv", ("estimator",)),
     "space": Table("spatial/space_summary.csv", ("group", "whisker", "estimator")),
     "space_real": Table("stanford-space/space_summary.csv", ("group", "whisker", "estimator")),
+    "space_mounted": Table("stanford-space-mounted/space_summary.csv", ("group", "whisker", "estimator")),
     "space_maps": Table("recordings/space_maps.csv", ("calibration", "model")),
     "space_pins": Table("recordings/space_pins_summary.csv", ("group", "estimator")),
     "space_sweeps": Table("recordings/space_sweeps.csv", ("name", "object")),

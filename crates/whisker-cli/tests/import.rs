@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use nalgebra::Vector3;
-use trace::SpatialTrace;
+use trace::{SpatialCalibrationFile, SpatialTrace};
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::rod::Rod;
@@ -248,6 +248,25 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     let path = dataset.join(format!("{trial}.csv"));
     good(&["replay", text(&path), "--estimator", "point", "--out", text(&estimates)]);
     assert_eq!(column(&estimates, "truth_contact_z_m").iter().filter(|cell| !cell.is_empty()).count(), known.len());
+
+    // A touch of the pin shows that the sensor is mounted as at its calibration.
+    let calibration = dataset.join("calibrations/stanford-curved_May_22_try2.json");
+    let read = SpatialCalibrationFile::read(&calibration).unwrap();
+    assert!(
+        read.real_sensor && read.mounting.is_none() && read.models.iter().all(|one| one.error.correlation_m.is_some())
+    );
+    let mounted = work.path().join("mounted.json");
+    let mount = |out: &Path| whisker(&["mount", text(&path), "--calibration", text(&calibration), "--out", text(out)]);
+    let output = mount(&mounted);
+    assert!(output.status.success(), "{output:?}");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("shift, mm"), "{output:?}");
+    let learnt = SpatialCalibrationFile::read(&mounted).unwrap().mounting.unwrap();
+    assert_eq!(learnt.traces, [trial]);
+    assert!(learnt.deviation.shift_m.norm() < 0.5e-3 && learnt.deviation.turn_rad.norm() < 0.02, "{learnt:?}");
+    good(&["replay", text(&path), "--estimator", "point", "--calibration", text(&mounted), "--out", text(&estimates)]);
+    let refused = mount(&path);
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert!(errors.contains("expected another place for the output") && errors.lines().count() == 1, "{errors}");
 }
 
 /// Asserts that an import in space fails with a single line that contains every one of `words`.

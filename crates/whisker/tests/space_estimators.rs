@@ -4,7 +4,7 @@ mod space_world;
 
 use std::sync::{Arc, LazyLock};
 
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -15,7 +15,7 @@ use whisker::frames::{Base, World};
 use whisker::rod::{Rod, SpatialContact};
 use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use whisker::space::frames::{Point, Pose};
-use whisker::space::sensor::{Around, CalibratedSpace};
+use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, Mounting};
 
 use space_world::{RATE_HZ, knowledge};
 
@@ -180,6 +180,60 @@ fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
     // The mounting: 0.2 mm along each axis, and 6 mrad at a distance of 48 mm from the root.
     let sd_m = estimate.covariance_m2.diagonal().map(f64::sqrt);
     assert!(sd_m.min() >= 0.2e-3 && sd_m.max() > 0.3e-3, "{sd_m} {}", simulated.covariance_m2);
+}
+
+/// A mounting that deviates by some tenths of a millimetre and half a degree.
+fn deviation() -> Mounting {
+    Mounting {
+        shift_m: Vector3::new(0.4e-3, -0.3e-3, 0.5e-3),
+        turn_rad: Vector3::new(0.01, -0.008, 0.01),
+        covariance: Matrix6::identity() * 1e-18,
+    }
+}
+
+/// Pose of World in Base, given the nominal mounting of the sensor.
+fn nominal_to_base(row: u32) -> Pose<World, Base> {
+    to_base(row).then(&deviation().pose().inverse())
+}
+
+/// Touches of two points determine the mounting, with which a third one is located.
+#[test]
+fn verif_touches_at_known_places_determine_the_mounting() {
+    let known = |along_m: f64| {
+        let rod = STRAIGHT.calibrated.whisker.rod().unwrap();
+        let point = Around::new(along_m, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+        let contact = |row: u32| {
+            let truth = touched(&rod, &to_base(row), point, Vector3::zeros(), &mut 0.0).deflection;
+            let contact = deviation().pose().inverse().apply(Point::from_vector(truth.point));
+            KnownContact { contact, reading_n_m: truth.moment_n_m.yz() }
+        };
+        (60..500).step_by(5).map(contact).collect::<Vec<_>>()
+    };
+    let learnt = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042), known(0.056)], 0.0).unwrap();
+    let calibrated = CalibratedSpace { mounting: Some(deviation()), ..(*STRAIGHT.calibrated).clone() };
+    let one = known(0.048)[20];
+    let predicted = calibrated.predict(one.contact).unwrap();
+    assert!((predicted.reading_n_m - one.reading_n_m).norm() < 1e-4 * one.reading_n_m.norm());
+    let step = Vector3::new(1e-6, -2e-6, 1.5e-6);
+    let change_n_m = calibrated.predict(one.contact.shifted(step)).unwrap().reading_n_m - predicted.reading_n_m;
+    assert!((change_n_m - predicted.gradient_n * step).norm() < 1e-2 * change_n_m.norm());
+    let too_few = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042)[..5].to_vec()], 0.0);
+    assert_eq!(too_few, None);
+    let located = |mounting: Option<Mounting>| {
+        let calibrated = CalibratedSpace { mounting, ..(*STRAIGHT.calibrated).clone() };
+        let knowledge = Arc::new(Knowledge { calibrated: Arc::new(calibrated), ..(**STRAIGHT).clone() });
+        let point = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+        let found = replayed_contacts(&knowledge, "point", (3, ROWS), 1.0, nominal_to_base, |rod, to_base| {
+            let as_calibrated = to_base.then(&deviation().pose());
+            Some(touched(rod, &as_calibrated, point, Vector3::zeros(), &mut 0.0))
+        });
+        let (estimate, truth, _) = found.last().unwrap();
+        let error = deviation().pose().apply(estimate.contact).vector() - truth.deflection.point;
+        (error.norm(), estimate.covariance_m2.trace().sqrt())
+    };
+    let [(of_learnt_m, sd_m), (of_nominal_m, _)] = [Some(learnt), None].map(located);
+    assert!(of_learnt_m < 0.15e-3 && of_learnt_m < 3.0 * sd_m, "{of_learnt_m} {sd_m}");
+    assert!(of_nominal_m > 3.0 * of_learnt_m, "{of_nominal_m} {of_learnt_m}");
 }
 
 #[test]

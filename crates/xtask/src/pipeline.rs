@@ -204,6 +204,12 @@ impl Evaluations {
         let traces = format!("datasets/{name}");
         step("import recordings in space", || run(whisker(&["import", format, from, "--space", "--out", &traces])))?;
         step("fit recordings in space", || run(whisker(&["fit", &traces])))?;
+        self.of_traces_in_space(name, estimators)
+    }
+
+    /// Estimators on the traces in space in `datasets/<name>/`: `results/<name>/`.
+    pub(crate) fn of_traces_in_space(self, name: &str, estimators: &str) -> Outcome {
+        let traces = format!("datasets/{name}");
         step("evaluate traces in space", || self.run(&[&traces, "--estimators", estimators]))
     }
 }

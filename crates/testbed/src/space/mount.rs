@@ -36,7 +36,6 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
         );
     }
     let traces = traces.iter().map(|path| SpatialTrace::read(path)).collect::<Result<Vec<_>, _>>()?;
-    let file = SpatialCalibrationFile { mounting: None, ..file };
     let (mut touches, mut used) = (Vec::new(), 0);
     let mut largest_sd_n_m = 0.0_f64;
     let mut known = None;

@@ -7,6 +7,7 @@ use crate::failure::{Failure, Outcome};
 use crate::kept;
 use crate::parts::step;
 use crate::pipeline::{self, Evaluations, FORCE};
+use crate::repository::root;
 use crate::tools::{run as run_command, whisker};
 
 /// Importer of the recordings, names of the runs on their traces in the plane and in space, and name of the run of
@@ -15,6 +16,12 @@ const FORMAT: &str = "stanford-whisker";
 const RUN: &str = "stanford";
 const RUN_IN_SPACE: &str = "stanford-space";
 const IN_SPACE: &str = "recordings";
+
+/// Beginning of the names of the trials with pins weeks after the calibration of their sensor, the calibration, and the name of the run
+/// on all of them but the first, from which the mounting is learnt.
+const LATER: &str = "05_24_23-";
+const LATER_CALIBRATION: &str = "stanford-sensor1_tip_May_04.json";
+const RUN_MOUNTED: &str = "stanford-space-mounted";
 
 /// Estimators in space whose scores the documentation shows.
 const SHOWN: &str = "point,point-fit,line,recommended";
@@ -39,8 +46,40 @@ pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
     evaluations.of_recordings_in_space(FORMAT, folder, RUN_IN_SPACE, SHOWN)?;
     kept::keep(RUN_IN_SPACE, &["space_summary.csv"])?;
+    mount(evaluations)?;
+    kept::keep(RUN_MOUNTED, &["space_summary.csv"])?;
     kept::keep(IN_SPACE, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
     kept::keep(IN_SPACE, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
+}
+
+/// Learns the mounting of the sensor from the first of the later trials, and evaluates the others with it.
+fn mount(evaluations: Evaluations) -> Outcome {
+    let imported = root().join("datasets").join(RUN_IN_SPACE);
+    let failed = |error| Failure::new(format!("{}: {error}", imported.display()));
+    let entries = fs::read_dir(&imported).map_err(failed)?.collect::<Result<Vec<_>, _>>().map_err(failed)?;
+    let names = entries.into_iter().filter_map(|entry| entry.file_name().into_string().ok());
+    let mut trials: Vec<String> = names.filter(|name| name.starts_with(LATER) && name.ends_with(".csv")).collect();
+    trials.sort();
+    let Some((first, others)) = trials.split_first() else {
+        return Err(Failure::new(format!(
+            "{}: found no trial {LATER}*, expected those of `{FORMAT}`",
+            imported.display()
+        )));
+    };
+    let traces = root().join("datasets").join(RUN_MOUNTED);
+    fs::create_dir_all(traces.join("calibrations")).map_err(failed)?;
+    for name in others {
+        for name in [name.clone(), name.replace(".csv", ".json")] {
+            fs::copy(imported.join(&name), traces.join(&name)).map_err(failed)?;
+        }
+    }
+    let place = |run: &str| format!("datasets/{run}/calibrations/{LATER_CALIBRATION}");
+    let (touch, calibration, out) =
+        (format!("datasets/{RUN_IN_SPACE}/{first}"), place(RUN_IN_SPACE), place(RUN_MOUNTED));
+    step("learn the mounting from the first later trial", || {
+        run_command(whisker(&["mount", &touch, "--calibration", &calibration, "--out", &out]))
+    })?;
+    evaluations.of_traces_in_space(RUN_MOUNTED, SHOWN)
 }
 
 /// Folder of the recordings, as a path that does not depend on the working directory.

@@ -84,8 +84,12 @@ impl Side {
     /// Share of the error of the sensor model that is new after a motion of the base, by which a contact moves about as far as the middle
     /// of the whisker.
     pub(super) fn new_share(&self, motion: &Pose<Base, Base>) -> f64 {
+        let error = &self.calibrated.error;
+        if error.correlation_m.is_none() {
+            return 1.0;
+        }
         let middle = self.middle();
-        self.calibrated.error.new_share(motion.apply(middle).distance(&middle))
+        error.new_share(motion.apply(middle).distance(&middle))
     }
 
     /// Directions at a contact. `None` if the whisker has none.
@@ -213,6 +217,7 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         let at = Around::of_state(x);
         let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
         let expected = self.side.expect(at);
+        // Together, the readings of a way whose errors count as one determine the contact no better than one of them.
         let repeated_n2_m2 = expected.model_n2_m2 * (self.new_share.recip() - 1.0);
         let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(1.0);
         once_n2_m2 + repeated_n2_m2 + Matrix2::identity() * inertia_n_m.powi(2)

@@ -6,10 +6,13 @@ use super::error::{Residual, correlation};
 const RANGE_M: [f64; 2] = [0.2e-3, 20e-3];
 const COMPARED: usize = 60;
 
+/// Correlation length (m) where the calibration does not tell.
+const DEFAULT_M: f64 = 5e-3;
+
 /// The correlation length (m) of an exponential covariance function that fits the errors of both readings best, in the least
 /// squares of the correlations of all pairs of one line. The correlation of a pair is `2 a.b / (a.a + b.b)`, which is bounded, so
-/// that single large errors do not decide. `None` if no line has two contacts.
-pub(super) fn length_m(lines: &[Vec<Residual>]) -> Option<f64> {
+/// that single large errors do not decide. [`DEFAULT_M`] if no line has two contacts.
+pub(super) fn length_m(lines: &[Vec<Residual>]) -> f64 {
     let mut pairs: Vec<(f64, f64)> = Vec::new();
     for line in lines {
         for (i, one) in line.iter().enumerate() {
@@ -26,7 +29,10 @@ pub(super) fn length_m(lines: &[Vec<Residual>]) -> Option<f64> {
     let [least_m, most_m] = RANGE_M;
     let lengths = (0..COMPARED).map(|i| least_m * (most_m / least_m).powf(i as f64 / (COMPARED - 1) as f64));
     let scored = lengths.map(|length_m| (length_m, misfit(length_m)));
-    (!pairs.is_empty()).then(|| scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(length_m, _)| length_m))?
+    if pairs.is_empty() {
+        return DEFAULT_M;
+    }
+    scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(DEFAULT_M, |(length_m, _)| length_m)
 }
 
 #[cfg(test)]
@@ -62,15 +68,15 @@ mod tests {
             };
             (0..80).map(line).collect()
         };
-        let [short_m, long_m] = [1.0, 2.0].map(|scale| length_m(&lines(scale)).unwrap());
+        let [short_m, long_m] = [1.0, 2.0].map(|scale| length_m(&lines(scale)));
         assert!((0.3e-3..3e-3).contains(&short_m), "{short_m}");
         assert!((1.6..2.5).contains(&(long_m / short_m)), "{long_m} {short_m}");
     }
 
     #[test]
-    fn robust_single_contacts_have_no_correlation_length() {
+    fn robust_single_contacts_have_the_default_length() {
         let line = || vec![residual(0.03, Vector2::new(1.0, 0.0))];
-        assert_eq!(length_m(&[line(), line()]), None);
-        assert_eq!(length_m(&[]), None);
+        assert_eq!(length_m(&[line(), line()]), DEFAULT_M);
+        assert_eq!(length_m(&[]), DEFAULT_M);
     }
 }

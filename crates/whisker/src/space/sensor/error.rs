@@ -96,9 +96,9 @@ impl SpatialErrorMap {
         Self { covariances_n2_m2: self.covariances_n2_m2.iter().map(widened).collect(), ..self.clone() }
     }
 
-    /// Share of the error at a contact that is new after this way (m) since the last one: all of it from twice the correlation length
-    /// on, the integral of the correlation. 1 if the correlation is not known.
-    pub fn new_share(&self, way_m: f64) -> f64 {
+    /// Share of the error at a contact that counts as new after this way (m) since the last one: all of it from twice the correlation
+    /// length on, the integral of the correlation. 1 if the correlation is not known.
+    pub(crate) fn new_share(&self, way_m: f64) -> f64 {
         self.correlation_m.map_or(1.0, |length_m| (way_m / (2.0 * length_m)).clamp(LEAST_SHARE, 1.0))
     }
 

@@ -5,20 +5,16 @@ use serde_json::Value;
 
 use super::correlation;
 use super::error::Residual;
-use super::gaussian_process::{self, Kernel};
+use super::neighbours::neighbours_of;
 use super::{
     Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion,
     SpatialSample, SpatialWhisker,
 };
-use crate::Whisker;
 use crate::sensor::ModelError;
 use crate::space::frames::Point;
 
 /// Way of the contact over which readings are averaged.
 const BLOCK_M: f64 = 0.25e-3;
-
-/// Distance of a neighbouring line, relative to that of the nearest one.
-const NEIGHBOUR: f64 = 1.5;
 
 /// Lower bound of a model's error, relative to the largest reading.
 const SMALLEST_ERROR: f64 = 1e-6;
@@ -82,20 +78,18 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     }
     let region = SpatialRegion { whisker: data.whisker, domain: &domain };
     let learnt = (row.fit)(&region, &lines, config)?;
-    let held_out = |groups: &[Vec<usize>]| -> Result<Vec<Vec<Residual>>, ModelError> {
-        let of_line = |line: usize| {
-            let predicted = (learnt.without)(line, &groups[line])?;
-            let residual = |(sample, predicted_n_m): (&SpatialSample, Vector2<f64>)| Residual {
-                contact: sample.contact,
-                at: Around::of(&axis, sample.contact),
-                error_n_m: predicted_n_m - sample.reference_n_m,
-                noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
-            };
-            Ok(lines[line].iter().zip(predicted).map(residual).collect())
+    let neighbours = neighbours(&lines);
+    let residuals_of = |(line, samples): (usize, &Vec<SpatialSample>)| {
+        let predicted = (learnt.without)(line, &neighbours[line])?;
+        let residual = |(sample, predicted_n_m): (&SpatialSample, Vector2<f64>)| Residual {
+            contact: sample.contact,
+            at: Around::of(&axis, sample.contact),
+            error_n_m: predicted_n_m - sample.reference_n_m,
+            noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
         };
-        (0..lines.len()).map(of_line).collect()
+        Ok(samples.iter().zip(predicted).map(residual).collect())
     };
-    let by_line = held_out(&neighbours(&lines))?;
+    let by_line: Vec<Vec<Residual>> = lines.iter().enumerate().map(residuals_of).collect::<Result<_, ModelError>>()?;
     let residuals: Vec<Residual> = by_line.concat();
     let largest_reading_n_m = all.iter().map(|sample| sample.reference_n_m.norm()).fold(0.0, f64::max);
     let count = residuals.len() as f64;
@@ -105,11 +99,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let mean_square = residuals.iter().map(|residual| residual.error_n_m.norm_squared()).sum::<f64>() / (2.0 * count);
     let mut error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
     if data.real_sensor {
-        // A contact between the lines is nearer to them than a line to the second next ones.
-        let own: Vec<Vec<usize>> = (0..lines.len()).map(|line| vec![line]).collect();
-        let by_line = held_out(&own)?;
-        let length_m = correlation::length_m(&by_line).unwrap_or(Kernel::START.line_length_m);
-        error = SpatialErrorMap::new(&domain, &by_line.concat(), least_n2_m2).with_correlation(length_m);
+        error = error.with_correlation(correlation::length_m(&by_line));
     }
     let calibrated = CalibratedSpace {
         whisker: data.whisker.clone(),
@@ -126,35 +116,6 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
         geometry: Default::default(),
     };
     Ok(SpatialFit { calibrated, samples: all.len(), lines: lines.len() })
-}
-
-/// Contacts of a real sensor that are not fitted, and the direction of the coordinates of the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Screening {
-    /// Direction of the coordinates: the whisker may be deflected by more than its radius of curvature.
-    pub across: Across,
-    /// Number of contacts whose coordinates are not unique even so.
-    pub ambiguous: usize,
-    /// Number of contacts whose readings contradict those of all others: the pin slipped off, or the wire jumped to another
-    /// equilibrium.
-    pub contradicted: usize,
-}
-
-/// Leaves out the contacts of a real sensor that cannot be fitted.
-pub fn screened(whisker: &Whisker, lines: &mut Vec<Vec<SpatialSample>>) -> Screening {
-    let count = |lines: &[Vec<SpatialSample>]| lines.iter().map(Vec::len).sum::<usize>();
-    let all = count(lines);
-    let contacts: Vec<_> = lines.iter().flatten().map(|sample| sample.contact).collect();
-    let across = Across::of(whisker, &contacts);
-    let axis = Axis::new(whisker, across);
-    lines.iter_mut().for_each(|line| line.retain(|sample| axis.is_unique(sample.contact)));
-    let unique = count(lines);
-    let outliers = gaussian_process::contradicted(lines);
-    let mut indices = 0..unique;
-    let mut is_kept = |_: &SpatialSample| indices.next().is_some_and(|i| outliers.binary_search(&i).is_err());
-    lines.iter_mut().for_each(|line| line.retain(&mut is_kept));
-    lines.retain(|line| !line.is_empty());
-    Screening { across, ambiguous: all - unique, contradicted: outliers.len() }
 }
 
 /// Means of consecutive samples over which the contact moved by less than [`BLOCK_M`].
@@ -186,17 +147,4 @@ fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
         line.iter().map(|sample| sample.contact.vector()).sum::<Vector3<f64>>() / line.len() as f64
     };
     neighbours_of(&lines.iter().map(center).collect::<Vec<_>>())
-}
-
-/// Indices of each line and its neighbours, from the centres of the lines (m).
-pub(super) fn neighbours_of(centers: &[Vector3<f64>]) -> Vec<Vec<usize>> {
-    let near = |line: usize| {
-        let distances = centers.iter().map(|other| (other - centers[line]).norm()).enumerate();
-        let distances: Vec<(usize, f64)> = distances.collect();
-        let others = distances.iter().filter(|(other, _)| *other != line);
-        let nearest = others.map(|(_, distance)| *distance).fold(f64::INFINITY, f64::min);
-        let is_near = |&&(other, distance): &&(usize, f64)| other == line || distance <= NEIGHBOUR * nearest;
-        distances.iter().filter(is_near).map(|(other, _)| *other).collect()
-    };
-    (0..centers.len()).map(near).collect()
 }

@@ -14,8 +14,10 @@ mod fit;
 pub mod gaussian_process;
 mod geometry;
 mod mounting;
+mod neighbours;
 mod polynomial;
 mod rod;
+mod screening;
 mod table;
 mod tabulated;
 #[cfg(test)]
@@ -37,9 +39,10 @@ pub use coordinates::{Across, Around, Axis};
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
 pub(crate) use error::correlation;
-pub use fit::{Screening, SpatialFit, SpatialFitData, fit, screened};
+pub use fit::{SpatialFit, SpatialFitData, fit};
 pub use geometry::{Directions, Geometry};
 pub use mounting::{KnownContact, Mounting};
+pub use screening::{Screening, screened};
 
 /// Names of the readings, in order, as in the columns of a trace in space.
 pub const READINGS: [&str; 2] = ["moment_y_n_m", "moment_z_n_m"];
@@ -235,9 +238,14 @@ impl CalibratedSpace {
         Self { error: self.error.with_offset(offset_sd_n_m), ..self.clone() }
     }
 
+    /// A contact in the Base of the calibration, which the mounting moves.
+    fn as_calibrated(&self, contact: Point<Base>) -> Point<Base> {
+        self.mounting.map_or(contact, |mounting| mounting.pose().apply(contact))
+    }
+
     /// Coordinates of a contact about the undeflected whisker.
     pub fn around(&self, contact: Point<Base>) -> Around {
-        Around::of(&self.axis, contact)
+        Around::of(&self.axis, self.as_calibrated(contact))
     }
 
     /// Point of the object's surface at a contact on the centre line, given the unit normal of the surface out of the object.
@@ -248,7 +256,14 @@ impl CalibratedSpace {
 
     /// Expected readings and their derivatives. `None` outside the calibrated domain.
     pub fn predict(&self, contact: Point<Base>) -> Option<SpatialPrediction> {
-        self.domain.contains(self.around(contact)).then(|| self.model.predict(contact))
+        if !self.domain.contains(self.around(contact)) {
+            return None;
+        }
+        let mut found = self.model.predict(self.as_calibrated(contact));
+        if let Some(mounting) = &self.mounting {
+            found.gradient_n *= mounting.pose().rotation();
+        }
+        Some(found)
     }
 
     /// Covariance of the true readings about the expected ones, without measurement noise (N2 m2), 2x2. Outside the calibrated
@@ -260,6 +275,11 @@ impl CalibratedSpace {
     /// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the
     /// contact is displaced; upwards where it is not.
     pub fn normal(&self, at: Around) -> Vector3<f64> {
+        let normal = self.calibrated_normal(at);
+        self.mounting.map_or(normal, |mounting| mounting.pose().inverse().turn_vector(normal))
+    }
+
+    fn calibrated_normal(&self, at: Around) -> Vector3<f64> {
         if let Some(geometry) = self.geometry() {
             return geometry.at(self.domain.clamp(at)).normal;
         }

@@ -55,8 +55,10 @@ impl Mounting {
     pub const LEAST_CONTACTS: usize = 6;
 
     /// The mounting that explains touches at known places, each with its contacts in order of time. `noise_sd_n_m` is the standard
-    /// deviation of the measurement noise of each moment. `None` if fewer than six contacts lie within the calibrated domain.
+    /// deviation of the measurement noise of each moment. `None` if fewer than six contacts lie within the calibrated domain. A mounting of
+    /// `calibrated` is ignored.
     pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Self> {
+        let calibrated = &CalibratedSpace { mounting: None, ..calibrated.clone() };
         let touches: Vec<Vec<KnownContact>> = touches.iter().map(|touch| thinned(touch)).collect();
         let prior = Vector6::new(SHIFT_SD_M, SHIFT_SD_M, SHIFT_SD_M, TURN_SD_RAD, TURN_SD_RAD, TURN_SD_RAD);
         let weights = prior.map(|sd| 1.0 / (sd * sd));
@@ -191,4 +193,43 @@ fn thinned(touch: &[KnownContact]) -> Vec<KnownContact> {
     let touch = &touch[..last];
     let count = touch.len().min(MOST_CONTACTS);
     (0..count).map(|i| touch[i * touch.len() / count]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_a_small_motion_moves_points_as_its_derivatives_say() {
+        let mounting = Mounting {
+            shift_m: Vector3::new(1e-3, -2e-3, 0.5e-3),
+            turn_rad: Vector3::new(0.02, -0.01, 0.03),
+            covariance: Matrix6::identity(),
+        };
+        let contact = Point::new(0.04, -0.01, 0.005);
+        let moved = mounting.pose().apply(contact);
+        let slopes = by_motion(moved.vector() - mounting.shift_m);
+        for axis in 0..3 {
+            let step = Vector3::from_fn(|i, _| if i == axis { 1e-6 } else { 0.0 });
+            let turned = Rotation3::new(step) * Rotation3::new(mounting.turn_rad);
+            let found = (turned * contact.vector() + mounting.shift_m - moved.vector()) / 1e-6;
+            assert!((found - slopes.column(3 + axis)).norm() < 1e-6, "{axis}");
+            assert_eq!(slopes.column(axis), step / 1e-6);
+        }
+        let covariance = mounting.contact_covariance_m2(&moved);
+        assert!((covariance - slopes * slopes.transpose()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn verif_contacts_after_the_largest_reading_are_left_out_and_the_others_thinned() {
+        let touch: Vec<KnownContact> = (0..120)
+            .map(|i| KnownContact {
+                contact: Point::new(0.04, 1e-4 * f64::from(i), 0.0),
+                reading_n_m: Vector2::new(0.0, f64::from(if i < 100 { i } else { 0 })),
+            })
+            .collect();
+        let used = thinned(&touch);
+        assert_eq!(used.len(), MOST_CONTACTS);
+        assert!(used.iter().all(|known| known.reading_n_m.y < 100.0 && known.contact.vector().y < 1e-2));
+    }
 }

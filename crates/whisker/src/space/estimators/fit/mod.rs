@@ -8,7 +8,8 @@
 //! sum_k |z_k - h(p_k(x))|^2 / R_k + |x - x_0|^2 / P_0
 //! ```
 //!
-//! by the Levenberg-Marquardt method. Readings at nearly the same pose are averaged. In contrast to a filter, nothing is
+//! by the Levenberg-Marquardt method. Readings at nearly the same pose are averaged. If the calibration states how far the errors of
+//! its model are correlated, the residuals are those of the changes from mean to mean ([`correlated`]). In contrast to a filter, nothing is
 //! linearised about an early estimate, and the object has no process noise. The tilt of the normal by the inertia of the wire
 //! is computed ([`super::ringing`]), and its unknown part is included in `R_k`.
 //!
@@ -26,6 +27,7 @@
 //! contact ([`present`]) and the evidence of the model ([`evidence`]).
 
 mod config;
+mod correlated;
 mod evidence;
 mod mode;
 mod present;

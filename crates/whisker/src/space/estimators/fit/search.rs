@@ -3,14 +3,15 @@
 use std::cmp::Ordering;
 
 use filters::robust::logarithmic_cost;
-use nalgebra::{Cholesky, Const, Matrix2, Matrix2x4, SMatrix, SVector, Vector2};
+use nalgebra::{Cholesky, Matrix2, Matrix2x4, SMatrix, SVector};
 
+use super::correlated::Link;
 use super::readings::Mean;
 use crate::frames::{Base, Start};
 use crate::space::estimators::motion::{Fitted, Object, Shape, TILT, TILT_S};
 use crate::space::estimators::side::Side;
-use crate::space::frames::{Point, Pose};
-use crate::space::sensor::{Around, Axis, correlation};
+use crate::space::frames::Pose;
+use crate::space::sensor::{Around, Axis};
 
 /// Damping of the first step, its factors after accepted and rejected steps, and the damping that ends the search.
 const FIRST_DAMPING: f64 = 1e-3;
@@ -30,9 +31,6 @@ pub(super) const START_TRIALS: usize = 12;
 /// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency.
 /// Where the base moves to and fro, this tilt looks like another curvature of the object.
 const INERTIA_SD: f64 = 0.4;
-
-/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error.
-const LEAST_CHANGE: f64 = 0.1;
 
 /// Work on a mean beside the search for its contact, in evaluations of the whisker's geometry.
 const MEAN_WORK: usize = 2;
@@ -152,6 +150,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
         let mut common = Matrix2x4::from_columns(&common);
         if let Some(length_m) = side.calibrated.error.correlation_m {
+            // Correlated errors of the model are those of the links.
             common.fixed_columns_mut::<2>(0).fill(0.0);
             let place = mean.base().apply(side.middle());
             let share = (expected.model_n2_m2.trace() / covariance.trace()).sqrt();
@@ -167,46 +166,6 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
         quadratic.pull += slopes.tr_mul(&factor.solve(&common)) * weight;
         true
-    }
-}
-
-/// A mean whose errors are correlated with those of the next one, in units of its standard deviations.
-#[derive(Clone, Copy, Debug)]
-struct Link<const N: usize> {
-    row: Row<N>,
-    /// Place of the whisker's middle.
-    place: Point<Start>,
-    /// Square root of the share of the variance that is the error of the sensor model.
-    share: f64,
-}
-
-/// Residual of a mean, its slopes by the state, and the effects of common errors.
-type Row<const N: usize> = (Vector2<f64>, SMatrix<f64, 2, N>, Matrix2x4<f64>);
-
-impl<const N: usize> Link<N> {
-    /// That of a mean, given a factor of its covariance.
-    fn new(
-        factor: &Cholesky<f64, Const<2>>,
-        (residual, slopes, common): Row<N>,
-        place: Point<Start>,
-        share: f64,
-    ) -> Self {
-        let l = factor.l();
-        let row = (
-            l.solve_lower_triangular_unchecked(&residual),
-            l.solve_lower_triangular_unchecked(&slopes),
-            l.solve_lower_triangular_unchecked(&common),
-        );
-        Self { row, place, share }
-    }
-
-    /// The part that is independent of the last mean, in units of its standard deviation.
-    fn change_from(&self, last: Option<&Self>, length_m: f64) -> Row<N> {
-        let Some(last) = last else { return self.row };
-        let share = correlation(self.place.distance(&last.place), length_m) * self.share * last.share;
-        let sd = (1.0 - share * share).sqrt().max(LEAST_CHANGE);
-        let ((a, b, c), (x, y, z)) = (self.row, last.row);
-        ((a - x * share) / sd, (b - y * share) / sd, (c - z * share) / sd)
     }
 }
 
