@@ -249,7 +249,7 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     good(&["replay", text(&path), "--estimator", "point", "--out", text(&estimates)]);
     assert_eq!(column(&estimates, "truth_contact_z_m").iter().filter(|cell| !cell.is_empty()).count(), known.len());
 
-    // A touch of the pin shows that the sensor is mounted as at its calibration.
+    // A touch of the pin shows that the sensor is mounted as in its calibration.
     let calibration = dataset.join("calibrations/stanford-curved_May_22_try2.json");
     let read = SpatialCalibrationFile::read(&calibration).unwrap();
     assert!(
@@ -259,7 +259,7 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     let mount = |out: &Path| whisker(&["mount", text(&path), "--calibration", text(&calibration), "--out", text(out)]);
     let output = mount(&mounted);
     assert!(output.status.success(), "{output:?}");
-    assert!(String::from_utf8_lossy(&output.stdout).contains("shift, mm"), "{output:?}");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("translation, mm"), "{output:?}");
     let learnt = SpatialCalibrationFile::read(&mounted).unwrap().mounting.unwrap();
     assert_eq!(learnt.traces, [trial]);
     assert!(learnt.deviation.shift_m.norm() < 0.5e-3 && learnt.deviation.turn_rad.norm() < 0.02, "{learnt:?}");

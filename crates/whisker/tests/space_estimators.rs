@@ -12,10 +12,10 @@ use serde_json::json;
 use whisker::Whisker;
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, World};
-use whisker::rod::{Rod, SpatialContact};
+use whisker::rod::{Rod, SpatialContact, SpatialDeflection};
 use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use whisker::space::frames::{Point, Pose};
-use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, Mounting};
+use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, Mounting, SpatialErrorMap};
 
 use space_world::{RATE_HZ, knowledge};
 
@@ -180,6 +180,39 @@ fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
     // The mounting: 0.2 mm along each axis, and 6 mrad at a distance of 48 mm from the root.
     let sd_m = estimate.covariance_m2.diagonal().map(f64::sqrt);
     assert!(sd_m.min() >= 0.2e-3 && sd_m.max() > 0.3e-3, "{sd_m} {}", simulated.covariance_m2);
+}
+
+/// A constant error of one moment: with independent errors the covariance shrinks with every reading, with correlated ones it does
+/// not.
+#[test]
+fn verif_correlated_errors_of_the_model_are_part_of_the_covariance() {
+    const ERROR_N_M: f64 = 6e-7;
+    let with = |correlation_m: Option<f64>| {
+        let calibrated = &*STRAIGHT.calibrated;
+        let covariances_n2_m2 = vec![[ERROR_N_M.powi(2), 0.0, ERROR_N_M.powi(2)]; 4];
+        let error = SpatialErrorMap { covariances_n2_m2, correlation_m, ..calibrated.error.clone() };
+        let calibrated = CalibratedSpace { error, ..calibrated.clone() };
+        Arc::new(Knowledge { calibrated: Arc::new(calibrated), ..(**STRAIGHT).clone() })
+    };
+    let point = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+    let sd_m = |name: &str, correlation_m: Option<f64>| {
+        let off = |truth: SpatialContact| {
+            let moment_n_m = truth.deflection.moment_n_m + Vector3::new(0.0, 0.0, ERROR_N_M);
+            let deflection = SpatialDeflection { moment_n_m, ..truth.deflection };
+            SpatialContact { deflection, ..truth }
+        };
+        let found = replayed_contacts(&with(correlation_m), name, (3, ROWS), 1.0, to_base, |rod, to_base| {
+            Some(off(touched(rod, to_base, point, Vector3::zeros(), &mut 0.0)))
+        });
+        let (estimate, truth, _) = found.last().unwrap();
+        let error = error(estimate, truth);
+        let nees = error.dot(&estimate.covariance_m2.cholesky().unwrap().solve(&error)) / 3.0;
+        (estimate.covariance_m2.trace().sqrt(), nees)
+    };
+    let [(filtered_m, of_filter), (independent_m, _)] = [Some(10e-3), None].map(|length_m| sd_m("point", length_m));
+    assert!(filtered_m > 3.0 * independent_m && of_filter < 3.0, "{filtered_m} {of_filter} {independent_m}");
+    let (fitted_m, of_fit) = sd_m("point-fit", Some(10e-3));
+    assert!(fitted_m < filtered_m && of_fit < 3.0, "{fitted_m} {of_fit} {filtered_m}");
 }
 
 /// A mounting that deviates by some tenths of a millimetre and half a degree.

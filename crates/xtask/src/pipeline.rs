@@ -207,7 +207,7 @@ impl Evaluations {
         self.of_traces_in_space(name, estimators)
     }
 
-    /// Estimators on the traces in space in `datasets/<name>/`: `results/<name>/`.
+    /// Scores of some estimators on the traces in space in `datasets/<name>/`: `results/<name>/`.
     pub(crate) fn of_traces_in_space(self, name: &str, estimators: &str) -> Outcome {
         let traces = format!("datasets/{name}");
         step("evaluate traces in space", || self.run(&[&traces, "--estimators", estimators]))

@@ -48,9 +48,10 @@ pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResul
 /// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space: `polynomial`, `rod`
 /// and `gaussian-process`. The default is `polynomial` and `rod` or, with `real_sensor`, `polynomial` and `gaussian-process`, whose
 /// fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings (N m). `real_sensor` states that
-/// the readings are those of a real sensor: the estimators then allow for errors that are correlated along the path of a contact, and
-/// `recommended` for contacts that friction holds in place and for a mounting that deviates from that of the calibration. Contacts
-/// whose coordinates about the whisker are not unique, and those whose readings contradict all others, are then left out.
+/// the readings are those of a real sensor: the estimators then allow for errors that are correlated along the path of a contact,
+/// and `recommended` for contacts that friction holds in place and for a mounting that deviates from that of the calibration.
+/// Contacts whose coordinates about the whisker are not unique, and those whose readings contradict those of all others, are then
+/// left out.
 ///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]
@@ -79,7 +80,7 @@ pub(crate) fn fit_spatial_calibration(
     let mut lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
     let mut across = Across::Normal;
     if real_sensor {
-        across = sensor::screened(&rod.whisker.whisker, &mut lines).across;
+        across = sensor::screen(&rod.whisker.whisker, &mut lines).across;
     }
     let data = SpatialFitData {
         whisker: &rod.whisker,

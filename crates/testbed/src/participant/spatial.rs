@@ -119,8 +119,8 @@ impl SensorTable {
     }
 
     fn push(&mut self, calibrated: &CalibratedSpace, at: Around) {
-        let contact = at.contact(&calibrated.axis);
-        let expected = calibrated.model.predict(contact);
+        let contact = calibrated.pose().inverse().apply(at.contact(&calibrated.axis));
+        let expected = calibrated.extrapolate(contact);
         let error = calibrated.model_covariance_n2_m2(at);
         self.arc_m.push(at.along_m);
         self.left_m.push(at.left_m);

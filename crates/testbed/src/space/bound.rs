@@ -160,7 +160,7 @@ impl Surface {
     ) -> Option<Self> {
         let at = face.around(to_base.apply(Point::from_vector(contact)));
         let directions = face.geometry()?.at(at);
-        let back = to_base.rotation().transpose();
+        let back = to_base.then(&face.pose()).rotation().transpose();
         let normal = back * directions.normal;
         let normal_slopes = back * directions.normal_slopes;
         let contact_slopes = back * at.contact_with_jacobian(&face.axis).1;
@@ -203,7 +203,8 @@ fn prior_m2(face: &CalibratedSpace, to_base: &Pose<World, Base>, seen: Point<Bas
     let (low, high) = face.domain.arc_range_m();
     // A uniform distribution has the variance of its squared length divided by 12.
     let variances = Vector3::new((high - low).powi(2) / 12.0, START_AWAY_SD_M.powi(2), START_AWAY_SD_M.powi(2));
-    let jacobian = to_base.rotation().transpose() * face.around(seen).contact_with_jacobian(&face.axis).1;
+    let back = to_base.then(&face.pose()).rotation().transpose();
+    let jacobian = back * face.around(seen).contact_with_jacobian(&face.axis).1;
     jacobian * Matrix3::from_diagonal(&variances) * jacobian.transpose()
 }
 

@@ -171,7 +171,7 @@ impl WhiskerFit<'_> {
             let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
             lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
         }
-        let screening = is_recorded.then(|| sensor::screened(&whisker.whisker, &mut lines));
+        let screening = is_recorded.then(|| sensor::screen(&whisker.whisker, &mut lines));
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
         let data = SpatialFitData {
@@ -200,16 +200,16 @@ impl WhiskerFit<'_> {
     }
 }
 
-/// What a screening left out, given the lines without it.
+/// Contacts that the screening left out, one message per reason. `lines` are the remaining lines.
 fn not_fitted(screening: &Screening, lines: &[Vec<SpatialSample>]) -> Vec<String> {
     let &Screening { ambiguous, contradicted, .. } = screening;
     let of = ambiguous + contradicted + lines.iter().map(Vec::len).sum::<usize>();
     let reasons = [
-        (ambiguous, "whose coordinates about the undeflected whisker are not unique"),
-        (contradicted, "whose readings contradict those of all others, as if the pin had slipped off"),
+        (ambiguous, "coordinates about the undeflected whisker not unique"),
+        (contradicted, "readings contradict those of all others, for example because the pin slipped off"),
     ];
     let stated = reasons.into_iter().filter(|(count, _)| *count > 0);
-    stated.map(|(count, reason)| format!("{count} of {of} contacts, {reason}")).collect()
+    stated.map(|(count, reason)| format!("{count} of {of} contacts: {reason}")).collect()
 }
 
 /// Fits of the candidates, at least one, and the reasons why others were left out.

@@ -14,12 +14,12 @@ use super::replay::{calibrated, knowledge, read_calibration, samples};
 use super::{readings_n_m, to_base};
 use crate::fit::check_replaces_calibration;
 
-/// Writes a calibration with the mounting that the known contacts of some traces show, in place of any that it has. Returns the
-/// mounting.
+/// Learns the mounting of a sensor from the known contacts of traces, writes the calibration with it, in place of any earlier
+/// mounting, and returns it.
 ///
 /// # Errors
 /// If a file cannot be read, the calibration is one of another whisker or of the counts of a sensor, a trace states no contact, the
-/// contacts do not determine the mounting, or `out` is another file.
+/// contacts do not determine the mounting, or `out` exists and is not a calibration in space.
 pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounting> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
     let file = mounted(calibration, traces)?;
@@ -45,8 +45,8 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
         let of_trace = known_contacts(trace, &knowledge(&calibrated, noise_sd_n_m, None, trace.sidecar.rate_hz));
         if of_trace.is_empty() {
             bail!(
-                "{}: found no touch with a known contact, expected `truth_contact_x_m`, `_y_m` and `_z_m` in rows in which the \
-                whisker is deflected",
+                "{}: found no touch with a known contact, expected `truth_contact_x_m`, `_y_m` and `_z_m` in rows in which a \
+                touch is detected",
                 trace.sidecar.name
             );
         }
@@ -72,8 +72,8 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
     Ok(SpatialCalibrationFile { mounting: Some(mounting), ..file })
 }
 
-/// Known single contacts on the side of the whisker in the rows in which the detector of an estimator finds a touch, one list per
-/// touch, with the readings relative to rest.
+/// Known single contacts on the side of the whisker during the touches that the contact detector finds, one list per touch. The
+/// readings are relative to rest.
 fn known_contacts(trace: &SpatialTrace, knowledge: &Knowledge) -> Vec<Vec<KnownContact>> {
     let mut detector = TouchDetector::new(TouchConfig::default(), knowledge);
     let mut touches: Vec<Vec<KnownContact>> = Vec::new();

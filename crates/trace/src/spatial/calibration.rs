@@ -247,7 +247,7 @@ impl SpatialCalibrationFile {
         }
         if let Some(mounting) = self.mounting.as_ref().filter(|mounting| !mounting.deviation.is_valid()) {
             let expected = "finite numbers, the covariance symmetric and positive definite";
-            return Err(Error::value(path, "mounting", format!("{mounting:?}"), expected));
+            return Err(Error::value(path, "mounting.deviation", format!("{:?}", mounting.deviation), expected));
         }
         let found = models_sha256(&self.domain, &self.models);
         if found != self.models_sha256 {

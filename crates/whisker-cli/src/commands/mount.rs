@@ -12,8 +12,8 @@ use super::{print, table};
 
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
 ///
-/// The result is the calibration with the deviation of the mounting, which all estimators then use. The traces state the contacts
-/// in the columns truth_contact_x_m, _y_m and _z_m.
+/// Writes the calibration with the deviation of the mounting, for which all estimators then correct, and prints the deviation with
+/// its standard deviations. The traces contain the contacts in the columns truth_contact_x_m, _y_m and _z_m.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Traces in space with touches at known places (.csv, the sidecar of each beside it)
@@ -38,10 +38,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         [format!("{what}, {unit}")].into_iter().chain(cells).collect::<Vec<_>>()
     };
     let rows = [
-        row("shift", "mm", learnt.shift_m * 1e3, sds.fixed_rows::<3>(0) * 1e3),
-        row("turn", "deg", learnt.turn_rad.map(f64::to_degrees), sds.fixed_rows::<3>(3).map(f64::to_degrees)),
+        row("translation", "mm", learnt.shift_m * 1e3, sds.fixed_rows::<3>(0) * 1e3),
+        row("rotation", "deg", learnt.turn_rad.map(f64::to_degrees), sds.fixed_rows::<3>(3).map(f64::to_degrees)),
     ];
-    print(&table::render(&["mounting", "x", "y", "z"], &rows, 1))?;
+    print(&table::render(&["deviation", "x", "y", "z"], &rows, 1))?;
     print(&format!("{}\n", out.display()))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -17,8 +17,8 @@ const RUN: &str = "stanford";
 const RUN_IN_SPACE: &str = "stanford-space";
 const IN_SPACE: &str = "recordings";
 
-/// Beginning of the names of the trials with pins weeks after the calibration of their sensor, the calibration, and the name of the run
-/// on all of them but the first, from which the mounting is learnt.
+/// Prefix of the names of the trials with pins 20 days after the calibration of their sensor, the calibration, and the name of the
+/// run on all of them but the first, from which the mounting is learnt.
 const LATER: &str = "05_24_23-";
 const LATER_CALIBRATION: &str = "stanford-sensor1_tip_May_04.json";
 const RUN_MOUNTED: &str = "stanford-space-mounted";
@@ -45,9 +45,9 @@ pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
     evaluations.of_recordings_in_space(FORMAT, folder, RUN_IN_SPACE, SHOWN)?;
-    kept::keep(RUN_IN_SPACE, &["space_summary.csv"])?;
+    kept::keep(RUN_IN_SPACE, &["space_summary.csv", "space_trials.csv"])?;
     mount(evaluations)?;
-    kept::keep(RUN_MOUNTED, &["space_summary.csv"])?;
+    kept::keep(RUN_MOUNTED, &["space_summary.csv", "space_trials.csv"])?;
     kept::keep(IN_SPACE, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
     kept::keep(IN_SPACE, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
 }
@@ -67,6 +67,9 @@ fn mount(evaluations: Evaluations) -> Outcome {
         )));
     };
     let traces = root().join("datasets").join(RUN_MOUNTED);
+    if traces.exists() {
+        fs::remove_dir_all(&traces).map_err(failed)?;
+    }
     fs::create_dir_all(traces.join("calibrations")).map_err(failed)?;
     for name in others {
         for name in [name.clone(), name.replace(".csv", ".json")] {

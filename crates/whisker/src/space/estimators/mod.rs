@@ -172,7 +172,7 @@ impl Estimator {
         }
     }
 
-    /// The same for a sensor that is mounted as at its calibration.
+    /// Takes the next sample of a sensor that is mounted as in its calibration.
     fn step_as_calibrated(&mut self, sample: &Sample) -> Option<Estimate> {
         let (sample, touches) = self.touch.step(sample)?;
         if !touches {

@@ -60,12 +60,12 @@ pub(super) struct Config {
     ignored_share: f64,
     /// Signal that the models are in doubt, by the innovations of the mixture.
     doubt: DoubtSettings,
-    /// Deviations of a real sensor's mounting from that of its calibration, unless the calibration states them, or `null` if the
-    /// mounting is exact.
+    /// Standard deviations of a real sensor's mounting from that of its calibration, unused if the calibration states the
+    /// deviation. `null` if the mounting is exact.
     mounting: Option<UnknownMounting>,
 }
 
-/// Deviations of a mounting that no touches at known places have determined.
+/// Standard deviations of a mounting that has not been learnt from touches at known places.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct UnknownMounting {
@@ -92,9 +92,9 @@ impl UnknownMounting {
 
 impl Default for Config {
     /// The factor and the weights of the objects along which a contact slides were chosen on random scenes in space that are not
-    /// reported. Friction holds a real wire on thin objects, so that a contact that sticks is four times as probable as one that
-    /// slides; sliding over a wide object is evident from the readings. The mounting has the standard deviations of `installed` in the
-    /// plane.
+    /// reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable as one that
+    /// slides. Sliding over a wide object is evident from the readings. The mounting has the standard deviations of `installed` in
+    /// the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),

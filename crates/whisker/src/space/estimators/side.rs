@@ -81,8 +81,8 @@ impl Side {
         Around::new(0.5 * self.length_m(), 0.0, 0.0).contact(self.axis())
     }
 
-    /// Share of the error of the sensor model that is new after a motion of the base, by which a contact moves about as far as the middle
-    /// of the whisker.
+    /// Share of the error of the sensor model that counts as new after a motion of the base. The path of the contact is
+    /// approximated by that of the whisker's middle.
     pub(super) fn new_share(&self, motion: &Pose<Base, Base>) -> f64 {
         let error = &self.calibrated.error;
         if error.correlation_m.is_none() {
@@ -204,7 +204,7 @@ pub(super) struct ContactReading<'a> {
     pub(super) side: &'a Side,
     /// Acceleration of the base (m/s2), by which the inertia of the wire bends it.
     pub(super) acceleration_m_s2: f64,
-    /// Share of the error of the sensor model that is new since the last reading.
+    /// Share of the error of the sensor model that counts as new since the previous reading.
     pub(super) new_share: f64,
 }
 
@@ -217,7 +217,7 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         let at = Around::of_state(x);
         let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
         let expected = self.side.expect(at);
-        // Together, the readings of a way whose errors count as one determine the contact no better than one of them.
+        // Readings within twice the correlation length share one error, and determine the contact no better than one of them.
         let repeated_n2_m2 = expected.model_n2_m2 * (self.new_share.recip() - 1.0);
         let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(1.0);
         once_n2_m2 + repeated_n2_m2 + Matrix2::identity() * inertia_n_m.powi(2)

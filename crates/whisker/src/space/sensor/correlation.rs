@@ -1,17 +1,17 @@
 //! Correlation length of the errors of a sensor model along lines of contacts.
 
-use super::error::{Residual, correlation};
+use super::error::{Residual, exponential};
 
 /// Smallest and largest correlation length (m), and the number of lengths that are compared, evenly spaced in their logarithms.
 const RANGE_M: [f64; 2] = [0.2e-3, 20e-3];
 const COMPARED: usize = 60;
 
-/// Correlation length (m) where the calibration does not tell.
+/// Correlation length (m) if the calibration does not determine it.
 const DEFAULT_M: f64 = 5e-3;
 
-/// The correlation length (m) of an exponential covariance function that fits the errors of both readings best, in the least
-/// squares of the correlations of all pairs of one line. The correlation of a pair is `2 a.b / (a.a + b.b)`, which is bounded, so
-/// that single large errors do not decide. [`DEFAULT_M`] if no line has two contacts.
+/// Correlation length (m) of the exponential covariance function that is the least-squares fit to the correlations of all pairs of
+/// errors of one line, both readings together. The correlation of a pair is `2 a.b / (a.a + b.b)`, which is bounded, so
+/// that single large errors do not dominate. [`DEFAULT_M`] if no line has two contacts.
 pub(super) fn length_m(lines: &[Vec<Residual>]) -> f64 {
     let mut pairs: Vec<(f64, f64)> = Vec::new();
     for line in lines {
@@ -24,7 +24,7 @@ pub(super) fn length_m(lines: &[Vec<Residual>]) -> f64 {
         }
     }
     let misfit = |length_m: f64| -> f64 {
-        pairs.iter().map(|(distance_m, found)| (correlation(*distance_m, length_m) - found).powi(2)).sum()
+        pairs.iter().map(|(distance_m, found)| (exponential(*distance_m, length_m) - found).powi(2)).sum()
     };
     let [least_m, most_m] = RANGE_M;
     let lengths = (0..COMPARED).map(|i| least_m * (most_m / least_m).powf(i as f64 / (COMPARED - 1) as f64));

@@ -30,14 +30,14 @@ pub struct SpatialErrorMap {
     pub away: usize,
     /// Variance in the first axis, covariance, and variance in the second (N2 m2), those of one arc length in sequence.
     pub covariances_n2_m2: Vec<[f64; 3]>,
-    /// Correlation length of the error along the way of a contact (m). `None` if it is not known, as for simulated sensors.
+    /// Correlation length of the error along the path of a contact (m). `None` if unknown or for a simulated sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub correlation_m: Option<f64>,
 }
 
-/// Correlation of the errors at two contacts of one way, this distance apart: exponential covariance function, that of an
+/// Correlation of the errors at two contacts of one path, `distance_m` apart: the exponential covariance function of an
 /// Ornstein-Uhlenbeck process.
-pub(crate) fn correlation(distance_m: f64, length_m: f64) -> f64 {
+pub(crate) fn exponential(distance_m: f64, length_m: f64) -> f64 {
     (-distance_m / length_m).exp()
 }
 
@@ -96,10 +96,10 @@ impl SpatialErrorMap {
         Self { covariances_n2_m2: self.covariances_n2_m2.iter().map(widened).collect(), ..self.clone() }
     }
 
-    /// Share of the error at a contact that counts as new after this way (m) since the last one: all of it from twice the correlation
-    /// length on, the integral of the correlation. 1 if the correlation is not known.
-    pub(crate) fn new_share(&self, way_m: f64) -> f64 {
-        self.correlation_m.map_or(1.0, |length_m| (way_m / (2.0 * length_m)).clamp(LEAST_SHARE, 1.0))
+    /// Share of the error at a contact that counts as new after a path (m) since the previous contact. It reaches 1 at twice the
+    /// correlation length, the integral of the correlation over both directions. 1 if the correlation length is unknown.
+    pub(crate) fn new_share(&self, path_m: f64) -> f64 {
+        self.correlation_m.map_or(1.0, |length_m| (path_m / (2.0 * length_m)).clamp(LEAST_SHARE, 1.0))
     }
 
     /// Whether the lists describe a map.
@@ -179,5 +179,17 @@ mod tests {
         let map = SpatialErrorMap::new(&domain(), &noisy.collect::<Vec<_>>(), 0.25);
         let covariance = map.covariance_n2_m2(&domain(), Around::new(0.05, 1e-3, 1e-3));
         assert!((covariance - Matrix2::identity() * 0.25).norm() < 1e-9, "{covariance}");
+    }
+
+    #[test]
+    fn verif_an_error_is_new_after_twice_the_correlation_length() {
+        let map = SpatialErrorMap::new(&domain(), &residuals(), 1e-6);
+        assert_eq!(map.new_share(0.0), 1.0);
+        let map = map.with_correlation(4e-3);
+        assert!(map.is_valid());
+        for (path_m, share) in [(0.0, LEAST_SHARE), (2e-3, 0.25), (8e-3, 1.0), (20e-3, 1.0)] {
+            assert!((map.new_share(path_m) - share).abs() < 1e-12, "{path_m}");
+        }
+        assert!(!map.with_correlation(0.0).is_valid());
     }
 }

@@ -32,17 +32,17 @@ use serde_json::Value;
 use crate::frames::Base;
 use crate::rod::{Rod, Suspension};
 use crate::sensor::ModelError;
-use crate::space::frames::Point;
+use crate::space::frames::{Point, Pose};
 use crate::{Invalid, Whisker};
 
 pub use coordinates::{Across, Around, Axis};
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
-pub(crate) use error::correlation;
+pub(crate) use error::exponential;
 pub use fit::{SpatialFit, SpatialFitData, fit};
 pub use geometry::{Directions, Geometry};
 pub use mounting::{KnownContact, Mounting};
-pub use screening::{Screening, screened};
+pub use screening::{Screening, screen};
 
 /// Names of the readings, in order, as in the columns of a trace in space.
 pub const READINGS: [&str; 2] = ["moment_y_n_m", "moment_z_n_m"];
@@ -221,7 +221,7 @@ pub struct CalibratedSpace {
     /// Whether the sensor is a real one: friction may hold contacts in place, and the mounting may deviate from that of the
     /// calibration. Simulated traces in space have neither friction nor such deviations.
     pub real_sensor: bool,
-    /// Deviation of the present mounting from that of the calibration, where touches at known places have determined it.
+    /// Deviation of the present mounting from that of the calibration. `None` if it has not been learnt.
     pub mounting: Option<Mounting>,
     /// Directions at the contacts, computed on first use.
     pub geometry: OnceGeometry,
@@ -238,7 +238,12 @@ impl CalibratedSpace {
         Self { error: self.error.with_offset(offset_sd_n_m), ..self.clone() }
     }
 
-    /// A contact in the Base of the calibration, which the mounting moves.
+    /// Pose of Base in the Base of the calibration, in which axis, domain, formula and geometry are given.
+    pub fn pose(&self) -> Pose<Base, Base> {
+        self.mounting.map_or_else(Pose::identity, |mounting| mounting.pose())
+    }
+
+    /// Contact in the Base of the calibration, given the contact in the present Base.
     fn as_calibrated(&self, contact: Point<Base>) -> Point<Base> {
         self.mounting.map_or(contact, |mounting| mounting.pose().apply(contact))
     }
@@ -256,14 +261,16 @@ impl CalibratedSpace {
 
     /// Expected readings and their derivatives. `None` outside the calibrated domain.
     pub fn predict(&self, contact: Point<Base>) -> Option<SpatialPrediction> {
-        if !self.domain.contains(self.around(contact)) {
-            return None;
-        }
+        self.domain.contains(self.around(contact)).then(|| self.extrapolate(contact))
+    }
+
+    /// The same, also outside the calibrated domain.
+    pub fn extrapolate(&self, contact: Point<Base>) -> SpatialPrediction {
         let mut found = self.model.predict(self.as_calibrated(contact));
         if let Some(mounting) = &self.mounting {
             found.gradient_n *= mounting.pose().rotation();
         }
-        Some(found)
+        found
     }
 
     /// Covariance of the true readings about the expected ones, without measurement noise (N2 m2), 2x2. Outside the calibrated

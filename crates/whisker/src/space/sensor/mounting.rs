@@ -1,16 +1,16 @@
 //! Deviation of a sensor's mounting from that of its calibration, learnt from touches at known places.
 //!
-//! A sensor that was taken off and mounted again has another place and direction, which shift all its contacts. Touches at known
-//! places determine both: the readings are those of contacts whose coordinates in Base, as the calibration has it, deviate by a
-//! small motion. The motion is fitted by generalised least squares (Gauss-Newton) with the covariance of the sensor model's
-//! errors, which are correlated along the way of a contact.
+//! A remounted sensor has another position and orientation, which displaces all its contacts. Touches at known places determine
+//! both: their readings are those of contacts that are displaced by a small rigid motion in the Base of the calibration. The motion
+//! is fitted by generalised least squares (Gauss-Newton) with the covariance of the sensor model's errors, which are correlated
+//! along the path of a contact.
 
 use nalgebra::{
     DMatrix, DVector, Matrix2, Matrix2x6, Matrix3, Matrix3x6, Matrix6, Rotation3, Vector2, Vector3, Vector6,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{CalibratedSpace, correlation};
+use super::{CalibratedSpace, exponential};
 use crate::frames::Base;
 use crate::space::frames::{Point, Pose};
 
@@ -18,14 +18,20 @@ use crate::space::frames::{Point, Pose};
 const SHIFT_SD_M: f64 = 1e-3;
 const TURN_SD_RAD: f64 = 0.03;
 
-/// Standard deviation of an offset of the readings that is constant in a touch, relative to the largest one: drift of the rest reading.
+/// Standard deviation of the drift of the rest reading, an offset that is constant during a touch, relative to the largest reading
+/// of the calibration.
 const REST_SD: f64 = 2e-3;
 
-/// Largest number of contacts of a touch that are used: more of them are thinned evenly.
+/// Smallest standard deviation of the noise, relative to the largest reading of the calibration.
+const LEAST_NOISE: f64 = 1e-4;
+
+/// Largest number of contacts used per touch; longer touches are thinned evenly.
 const MOST_CONTACTS: usize = 40;
 
-/// Normalised square of a residual (of two degrees of freedom) beyond which a contact is left out.
+/// Squared normalised residual (two degrees of freedom) beyond which a contact is left out.
 const OUTLIER: f64 = 25.0;
+
+/// Number of Gauss-Newton iterations.
 const ITERATIONS: usize = 12;
 
 /// A known contact and the reading there.
@@ -37,8 +43,8 @@ pub struct KnownContact {
     pub reading_n_m: Vector2<f64>,
 }
 
-/// A contact at `c` in Base gives the readings of the calibrated sensor for a contact at `R c + t`, with the rotation `R` and the
-/// translation `t`.
+/// Deviation of the present mounting from that of the calibration: a contact at `c` in Base has the readings that the calibrated
+/// sensor has for a contact at `R c + t`, with the rotation `R` and the translation `t`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mounting {
@@ -55,10 +61,12 @@ impl Mounting {
     pub const LEAST_CONTACTS: usize = 6;
 
     /// The mounting that explains touches at known places, each with its contacts in order of time. `noise_sd_n_m` is the standard
-    /// deviation of the measurement noise of each moment. `None` if fewer than six contacts lie within the calibrated domain. A mounting of
-    /// `calibrated` is ignored.
+    /// deviation of the measurement noise of each moment. `None` if fewer than [`Self::LEAST_CONTACTS`] contacts in the calibrated
+    /// domain agree with one mounting, or if a covariance is singular. A mounting of `calibrated` is ignored.
     pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Self> {
         let calibrated = &CalibratedSpace { mounting: None, ..calibrated.clone() };
+        // Without noise, the readings of repeated contacts would have a singular covariance.
+        let noise_sd_n_m = noise_sd_n_m.max(LEAST_NOISE * calibrated.largest_reading_n_m);
         let touches: Vec<Vec<KnownContact>> = touches.iter().map(|touch| thinned(touch)).collect();
         let prior = Vector6::new(SHIFT_SD_M, SHIFT_SD_M, SHIFT_SD_M, TURN_SD_RAD, TURN_SD_RAD, TURN_SD_RAD);
         let weights = prior.map(|sd| 1.0 / (sd * sd));
@@ -72,7 +80,7 @@ impl Mounting {
             let mut gradient = -found.vector().component_mul(&weights);
             let mut used = 0;
             for touch in &touches {
-                let rows = found.rows(calibrated, touch, noise_sd_n_m);
+                let rows = found.rows(calibrated, touch, noise_sd_n_m, &prior);
                 used += rows.len();
                 let covariance = joint(&rows, calibrated, noise_sd_n_m);
                 let jacobian = DMatrix::from_fn(2 * rows.len(), 6, |i, j| rows[i / 2].slopes[(i % 2, j)]);
@@ -106,26 +114,33 @@ impl Mounting {
         Pose::new(self.shift_m, Rotation3::new(self.turn_rad))
     }
 
-    /// Whether the numbers are finite, and the covariance positive definite.
+    /// Whether the numbers are finite, and the covariance symmetric and positive definite.
     pub fn is_valid(&self) -> bool {
         let is_finite = self.vector().iter().chain(&self.covariance).all(|value| value.is_finite());
         is_finite && self.covariance == self.covariance.transpose() && self.covariance.cholesky().is_some()
     }
 
-    /// Covariance (m2), 3x3, by which the mounting is not known, of a contact in the Base of the calibration.
+    /// Covariance (m2), 3x3, of a contact in the Base of the calibration due to the uncertainty of the mounting.
     pub fn contact_covariance_m2(&self, contact: &Point<Base>) -> Matrix3<f64> {
         let by_mounting = by_motion(contact.vector() - self.shift_m);
         by_mounting * self.covariance * by_mounting.transpose()
     }
 
-    /// The same of a direction there (rad2).
+    /// Covariance (rad2), 3x3, of a unit direction in the Base of the calibration due to the uncertainty of the rotation.
     pub fn direction_covariance(&self, direction: &Vector3<f64>) -> Matrix3<f64> {
         let by_turn = direction.cross_matrix();
         by_turn * self.covariance.fixed_view::<3, 3>(3, 3) * by_turn.transpose()
     }
 
-    /// Residuals of the contacts of a touch within the calibrated domain, with their derivatives by shift and turn.
-    fn rows(&self, calibrated: &CalibratedSpace, touch: &[KnownContact], noise_sd_n_m: f64) -> Vec<Row> {
+    /// Residuals of the contacts of a touch within the calibrated domain, with their derivatives by shift and turn, without those
+    /// that even the prior of the mounting, its standard deviations, does not explain.
+    fn rows(
+        &self,
+        calibrated: &CalibratedSpace,
+        touch: &[KnownContact],
+        noise_sd_n_m: f64,
+        prior: &Vector6<f64>,
+    ) -> Vec<Row> {
         let pose = self.pose();
         let row = |known: &KnownContact| {
             let contact = pose.apply(known.contact);
@@ -135,7 +150,8 @@ impl Mounting {
             let factor = model.cholesky()?.l();
             let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2) + noise_sd_n_m.powi(2);
             let slopes = predicted.gradient_n * by_motion(contact.vector() - self.shift_m);
-            let single = model + Matrix2::identity() * rest_n2_m2 + slopes * self.covariance * slopes.transpose();
+            let by_prior = slopes * Matrix6::from_diagonal(prior);
+            let single = model + Matrix2::identity() * rest_n2_m2 + by_prior * by_prior.transpose();
             let square = residual_n_m.dot(&single.cholesky()?.solve(&residual_n_m));
             (square <= OUTLIER).then_some(Row { contact, residual_n_m, slopes, factor })
         };
@@ -143,7 +159,7 @@ impl Mounting {
     }
 }
 
-/// Residual of a contact, its slopes by the mounting, and the factor of the covariance of the sensor model's error.
+/// Residual of a contact, its derivatives with respect to the mounting, and the Cholesky factor of the model error's covariance.
 struct Row {
     contact: Point<Base>,
     residual_n_m: Vector2<f64>,
@@ -151,8 +167,7 @@ struct Row {
     factor: Matrix2<f64>,
 }
 
-/// Derivatives of a point by a small motion of the frame it is given in, at this distance from the origin before the translation:
-/// `d(R c + t) = dt + dw x R c`.
+/// Derivatives, 3x6, of `p = R c + t` with respect to translation and rotation vector, given `R c` (m): `dp = dt + dw x R c`.
 fn by_motion(turned_m: Vector3<f64>) -> Matrix3x6<f64> {
     let mut slopes = Matrix3x6::zeros();
     slopes.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
@@ -160,14 +175,14 @@ fn by_motion(turned_m: Vector3<f64>) -> Matrix3x6<f64> {
     slopes
 }
 
-/// Covariance of the readings of one touch.
+/// Joint covariance of the readings of one touch.
 fn joint(rows: &[Row], calibrated: &CalibratedSpace, noise_sd_n_m: f64) -> DMatrix<f64> {
     let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2);
     let mut covariance = DMatrix::zeros(2 * rows.len(), 2 * rows.len());
     for (i, one) in rows.iter().enumerate() {
         for (j, other) in rows.iter().enumerate() {
             let shared = match calibrated.error.correlation_m {
-                Some(length_m) => correlation(one.contact.distance(&other.contact), length_m),
+                Some(length_m) => exponential(one.contact.distance(&other.contact), length_m),
                 None => f64::from(u8::from(i == j)),
             };
             let mut block = one.factor * other.factor.transpose() * shared;
@@ -180,13 +195,13 @@ fn joint(rows: &[Row], calibrated: &CalibratedSpace, noise_sd_n_m: f64) -> DMatr
     covariance
 }
 
-/// A matrix that is symmetric but for rounding, made so.
+/// Symmetric part of a matrix, to remove rounding errors.
 fn symmetric(matrix: &Matrix6<f64>) -> Matrix6<f64> {
     (matrix + matrix.transpose()) * 0.5
 }
 
-/// At most [`MOST_CONTACTS`] contacts, evenly spaced, up to the largest reading: after it, the whisker may slip off the pin, and the
-/// contact is no longer at the known place.
+/// At most [`MOST_CONTACTS`] contacts, evenly spaced, up to the largest reading. After it the whisker may slip off the pin, so that
+/// the contact is no longer at the known place.
 fn thinned(touch: &[KnownContact]) -> Vec<KnownContact> {
     let sizes = touch.iter().map(|known| known.reading_n_m.norm()).enumerate();
     let last = sizes.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i + 1);
@@ -200,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verif_a_small_motion_moves_points_as_its_derivatives_say() {
+    fn verif_derivatives_by_a_small_motion_equal_differences() {
         let mounting = Mounting {
             shift_m: Vector3::new(1e-3, -2e-3, 0.5e-3),
             turn_rad: Vector3::new(0.02, -0.01, 0.03),

@@ -1,34 +1,35 @@
-//! Errors of the sensor model that are correlated along the way of a contact, as those of a real sensor are: by friction,
+//! Errors of the sensor model that are correlated along the path of a contact, as those of a real sensor are because of friction,
 //! hysteresis and interpolation between the calibrated lines.
 //!
-//! Along the means of the readings, the errors are an Ornstein-Uhlenbeck process (Gardiner, "Stochastic methods", 2009, section 3.8.4),
-//! in which an error depends only on the one before it. Generalised least squares with their joint covariance is then least squares of
-//! the changes from mean to mean. A jump, as by stick and slip, is the outlier of one change.
+//! From one mean of readings to the next, the errors are modelled as an Ornstein-Uhlenbeck process (Gardiner, "Stochastic
+//! methods", 2009, section 3.8.4): given the previous error, an error is independent of all earlier ones. Generalised least
+//! squares with their joint covariance is then least squares of the changes from mean to mean. With measurement noise this is an
+//! approximation: only the correlation with the previous mean counts. A jump, as by stick-slip, is an outlier of a single change.
 
 use nalgebra::{Cholesky, Const, Matrix2x4, SMatrix, Vector2};
 
 use crate::frames::Start;
 use crate::space::frames::Point;
-use crate::space::sensor::correlation;
+use crate::space::sensor::exponential;
 
 /// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error.
 const LEAST_CHANGE: f64 = 0.1;
 
-/// A mean whose errors are correlated with those of the next one, in units of its standard deviations.
+/// Mean of readings, normalised by its covariance, whose error is correlated with that of the next mean.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link<const N: usize> {
     row: Row<N>,
-    /// Place of the whisker's middle.
+    /// Middle of the undeflected whisker.
     place: Point<Start>,
-    /// Square root of the share of the variance that is the error of the sensor model.
+    /// Square root of the share of the error of the sensor model in the variance of error and measurement noise.
     share: f64,
 }
 
-/// Residual of a mean, its slopes by the state, and the effects of common errors.
+/// Residual of a mean, its derivatives with respect to the state, and the effects of errors common to all means.
 pub(super) type Row<const N: usize> = (Vector2<f64>, SMatrix<f64, 2, N>, Matrix2x4<f64>);
 
 impl<const N: usize> Link<N> {
-    /// That of a mean, given a factor of its covariance.
+    /// Link of a mean, given the Cholesky factor of its covariance.
     pub(super) fn new(
         factor: &Cholesky<f64, Const<2>>,
         (residual, slopes, common): Row<N>,
@@ -44,10 +45,11 @@ impl<const N: usize> Link<N> {
         Self { row, place, share }
     }
 
-    /// The part that is independent of the last mean, in units of its standard deviation.
+    /// Change from the previous mean: the part of the row that is independent of it, in units of its standard deviation. Without a
+    /// previous mean, the row itself.
     pub(super) fn change_from(&self, last: Option<&Self>, length_m: f64) -> Row<N> {
         let Some(last) = last else { return self.row };
-        let share = correlation(self.place.distance(&last.place), length_m) * self.share * last.share;
+        let share = exponential(self.place.distance(&last.place), length_m) * self.share * last.share;
         let sd = (1.0 - share * share).sqrt().max(LEAST_CHANGE);
         let ((a, b, c), (x, y, z)) = (self.row, last.row);
         ((a - x * share) / sd, (b - y * share) / sd, (c - z * share) / sd)
@@ -79,7 +81,7 @@ mod tests {
             curvature += slopes.tr_mul(&slopes);
             last = Some(link);
         }
-        let shared = |i: usize, j: usize| correlation(places[i].distance(&places[j]), LENGTH_M);
+        let shared = |i: usize, j: usize| exponential(places[i].distance(&places[j]), LENGTH_M);
         let joint = SMatrix::<f64, 8, 8>::from_fn(|i, j| covariance[(i % 2, j % 2)] * shared(i / 2, j / 2));
         let residual = SMatrix::<f64, 8, 1>::from_fn(|i, _| residuals[i / 2][i % 2]);
         let jacobian = SMatrix::<f64, 8, 3>::from_fn(|i, j| slopes(i / 2)[(i % 2, j)]);

@@ -35,8 +35,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
         if beliefs.is_empty() {
             // Without a contact there, the object explains no reading.
-            let share = self.side.new_share(&sample.motion);
-            self.count((1.0 - 0.5 * self.config.gate_sds.powi(2)) * share);
+            self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
         }
         let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
         for (belief, ..) in &mut beliefs {

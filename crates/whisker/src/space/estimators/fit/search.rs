@@ -52,13 +52,20 @@ pub(super) struct Quadratic<const N: usize> {
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
     /// extrapolation, that of the tilt, and that of the tilt by inertia.
     pull: SMatrix<f64, N, 4>,
+    /// Link of the last mean that the approximation includes. `None` if the errors of the sensor model are independent.
+    last: Option<Link<N>>,
 }
 
 impl<const N: usize> Quadratic<N> {
     /// That of a prior at a state.
     fn of_prior(prior: &Prior<N>, x: &SVector<f64, N>) -> Self {
-        let mut found =
-            Self { cost: 0.0, gradient: SVector::zeros(), curvature: SMatrix::zeros(), pull: SMatrix::zeros() };
+        let mut found = Self {
+            cost: 0.0,
+            gradient: SVector::zeros(),
+            curvature: SMatrix::zeros(),
+            pull: SMatrix::zeros(),
+            last: None,
+        };
         for i in 0..N {
             let (away, weight) = (x[i] - prior.mean[i], prior.sd[i].powi(-2));
             if i == TILT {
@@ -118,7 +125,6 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         reference: &Pose<Base, Start>,
         mean: &Mean,
         near: &mut Around,
-        last: &mut Option<Link<N>>,
         work: &mut usize,
     ) -> bool {
         let Self { side, shape, .. } = self;
@@ -150,14 +156,16 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
         let mut common = Matrix2x4::from_columns(&common);
         if let Some(length_m) = side.calibrated.error.correlation_m {
-            // Correlated errors of the model are those of the links.
+            // The links account for the correlated errors of the model.
             common.fixed_columns_mut::<2>(0).fill(0.0);
             let place = mean.base().apply(side.middle());
-            let share = (expected.model_n2_m2.trace() / covariance.trace()).sqrt();
+            let model_n2_m2 = expected.model_n2_m2.trace();
+            let noise_n2_m2 = side.noise_of_mean_n2_m2(mean.count).trace();
+            let share = (model_n2_m2 / (model_n2_m2 + noise_n2_m2)).sqrt();
             let link = Link::new(&factor, (residual, slopes, common), place, share);
-            (residual, slopes, common) = link.change_from(last.as_ref(), length_m);
+            (residual, slopes, common) = link.change_from(quadratic.last.as_ref(), length_m);
             factor = Cholesky::pack_dirty(Matrix2::identity());
-            *last = Some(link);
+            quadratic.last = Some(link);
         }
         let squared = residual.dot(&factor.solve(&residual));
         let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
@@ -188,8 +196,6 @@ pub(super) struct Search<Body, const N: usize> {
     trial: Fitted<Body, N>,
     quadratic: Quadratic<N>,
     done: usize,
-    /// The last of the means that it includes, if the errors of the sensor model are correlated.
-    last_mean: Option<Link<N>>,
 }
 
 impl<Body: Object, const N: usize> Search<Body, N> {
@@ -219,7 +225,6 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             trial,
             quadratic,
             done: 0,
-            last_mean: None,
         })
     }
 
@@ -262,8 +267,7 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             let axis = evidence.side.axis();
             Around::of(axis, base.then(&mean.base().inverse()).apply(at.contact(axis)))
         });
-        let Self { quadratic, trial, reference, last_mean, .. } = self;
-        if evidence.add(quadratic, trial, reference, mean, &mut near, last_mean, work) {
+        if evidence.add(&mut self.quadratic, &self.trial, &self.reference, mean, &mut near, work) {
             self.near[i] = Some(near);
             self.last = (near, *mean.base());
         }
@@ -292,7 +296,7 @@ impl<Body: Object, const N: usize> Search<Body, N> {
             side.hold(&mut moved);
             if let Some(trial) = Fitted::new(side, shape, &moved) {
                 self.quadratic = Quadratic::of_prior(&self.prior, &moved);
-                (self.trial, self.done, self.last_mean) = (trial, 0, None);
+                (self.trial, self.done) = (trial, 0);
                 return false;
             }
             self.damping *= MORE;
@@ -329,6 +333,7 @@ mod tests {
                 gradient: SVector::zeros(),
                 curvature: SMatrix::identity() * readings,
                 pull: SMatrix::from_fn(|i, j| if (i, j) == (1, 0) { 0.5 * readings } else { 0.0 }),
+                last: None,
             };
             quadratic.covariance().unwrap().diagonal()
         };

@@ -135,11 +135,11 @@ pub(super) fn candidates(real_sensor: bool) -> Vec<Value> {
 
 /// Evenly spaced samples of all lines, at most this many.
 fn thinned(lines: &[Vec<SpatialSample>], most: usize) -> Vec<Sample> {
-    places(lines, most).map(|(_, sample)| sample).collect()
+    indexed(lines, most).map(|(_, sample)| sample).collect()
 }
 
-/// The same with the index of each among all samples.
-fn places(lines: &[Vec<SpatialSample>], most: usize) -> impl Iterator<Item = (usize, Sample)> {
+/// Evenly spaced samples of all lines, at most this many, each with its index among all samples.
+fn indexed(lines: &[Vec<SpatialSample>], most: usize) -> impl Iterator<Item = (usize, Sample)> {
     let all = lines.iter().enumerate().flat_map(|(line, samples)| {
         samples.iter().map(move |sample| Sample {
             contact_m: sample.contact.vector(),
@@ -154,10 +154,10 @@ fn places(lines: &[Vec<SpatialSample>], most: usize) -> impl Iterator<Item = (us
     all.enumerate().filter(move |(i, _)| kept(i + 1) > kept(*i))
 }
 
-/// Indices, among the samples of all lines, of those that the others contradict: at most an evenly spaced part of many samples is
-/// examined. None if there are too few samples for a process.
+/// Indices of the samples, among those of all lines, that the others contradict. Of many samples, only an evenly spaced part is
+/// examined. Empty if there are too few samples for a process, or if its covariance is singular.
 pub(super) fn contradicted(lines: &[Vec<SpatialSample>]) -> Vec<usize> {
-    let (indices, samples): (Vec<usize>, Vec<Sample>) = places(lines, Config::default().most_samples).unzip();
+    let (indices, samples): (Vec<usize>, Vec<Sample>) = indexed(lines, Config::default().most_samples).unzip();
     if samples.len() < LEAST_SAMPLES {
         return Vec::new();
     }
@@ -194,7 +194,7 @@ pub(super) fn fit(
         ));
     }
     let kernels = selected(&samples).ok_or_else(singular)?;
-    let process = Process::new(&samples, kernels).ok_or_else(singular)?;
+    let (process, _) = Process::robust(&samples, kernels).ok_or_else(singular)?;
     let stored = Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() };
     let model = GaussianProcess::new(region, stored).ok_or_else(singular)?;
     let lines = lines.to_vec();

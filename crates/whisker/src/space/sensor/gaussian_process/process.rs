@@ -74,8 +74,8 @@ impl Process {
         })
     }
 
-    /// Fits a process without outliers, and returns the indices of the samples that were left out. An outlier impairs the predictions
-    /// of its neighbours, so that those with more than half of the largest normalised residual are left out first.
+    /// Fits a process without outliers, and returns the indices of the samples that were left out. An outlier impairs the
+    /// predictions of its neighbours, so that those with more than half of the largest normalised residual are left out first.
     pub fn robust(samples: &[Sample], kernels: [Kernel; 2]) -> Option<(Self, Vec<usize>)> {
         let mut process = Self::new(samples, kernels)?;
         let mut kept: Vec<usize> = (0..samples.len()).collect();
