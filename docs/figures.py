@@ -89,8 +89,6 @@ TABLES = {
     "space_times": Table("spatial/space_times.csv", ("estimator",)),
     "space": Table("spatial/space_summary.csv", ("group", "whisker", "estimator")),
     "space_real": Table("stanford-space/space_summary.csv", ("group", "whisker", "estimator")),
-    "space_real_trials": Table("stanford-space/space_trials.csv", ("trace", "estimator")),
-    "space_mounted_trials": Table("stanford-space-mounted/space_trials.csv", ("trace", "estimator")),
     "space_mounted": Table("stanford-space-mounted/space_summary.csv", ("group", "whisker", "estimator")),
     "space_maps": Table("recordings/space_maps.csv", ("calibration", "model")),
     "space_pins": Table("recordings/space_pins_summary.csv", ("group", "estimator")),

@@ -45,9 +45,9 @@ pub(super) fn measure(evaluations: Evaluations, folder: &str) -> Outcome {
     step("evaluate recordings in space", || run_command(whisker(&["recordings", folder, "--out", &out])))?;
     kept::keep(RUN, &["run.json", "contour_trials.csv", "summary.csv"])?;
     evaluations.of_recordings_in_space(FORMAT, folder, RUN_IN_SPACE, SHOWN)?;
-    kept::keep(RUN_IN_SPACE, &["space_summary.csv", "space_trials.csv"])?;
+    kept::keep(RUN_IN_SPACE, &["space_summary.csv"])?;
     mount(evaluations)?;
-    kept::keep(RUN_MOUNTED, &["space_summary.csv", "space_trials.csv"])?;
+    kept::keep(RUN_MOUNTED, &["space_summary.csv"])?;
     kept::keep(IN_SPACE, &["space_maps.csv", "space_pins_summary.csv", "space_settings.json"])?;
     kept::keep(IN_SPACE, &["space_sweeps.csv", "space_sweeps_paper.csv", "space_faces.csv"])
 }
