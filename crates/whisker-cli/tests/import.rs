@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use trace::{SpatialCalibrationFile, SpatialTrace};
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
@@ -17,6 +17,9 @@ const TRIAL: &str = "data/all_datasets/test/tip_test_05_22_23_try2/curved_test_M
 const SWEEP: &str = "data/all_datasets/test/tip_test_05_25_23/reference_cylindertip_test_scan_object_May_25_trial0.csv";
 
 const SWEEPING: &str = "data/all_datasets/calibration/sensor1_tip_calib_May_04.csv";
+
+/// Quantile of 99 % of the chi-squared distribution with six degrees of freedom.
+const CHI2_6_99: f64 = 16.81;
 
 fn whisker(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
@@ -262,7 +265,10 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("translation, mm"), "{output:?}");
     let learnt = SpatialCalibrationFile::read(&mounted).unwrap().mounting.unwrap();
     assert_eq!(learnt.traces, [trial]);
-    assert!(learnt.deviation.shift_m.norm() < 0.5e-3 && learnt.deviation.turn_rad.norm() < 0.02, "{learnt:?}");
+    let deviation = learnt.deviation;
+    let values = Vector6::from_iterator(deviation.shift_m.iter().chain(&deviation.turn_rad).copied());
+    let square = values.dot(&deviation.covariance.cholesky().unwrap().solve(&values));
+    assert!(square < CHI2_6_99 && deviation.shift_m.norm() < 0.5e-3, "{square} {deviation:?}");
     good(&["replay", text(&path), "--estimator", "point", "--calibration", text(&mounted), "--out", text(&estimates)]);
     let refused = mount(&path);
     let errors = String::from_utf8_lossy(&refused.stderr);
