@@ -10,7 +10,7 @@ use whisker::space::estimators::{Knowledge, TouchDetector};
 use whisker::space::frames::Point;
 use whisker::space::sensor::{KnownContact, Mounting};
 
-use super::replay::{calibrated, knowledge, read_calibration, samples};
+use super::replay::{check_calibration, knowledge, read_calibration, samples};
 use super::{readings_n_m, to_base};
 use crate::fit::check_replaces_calibration;
 
@@ -38,9 +38,9 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
     let traces = traces.iter().map(|path| SpatialTrace::read(path)).collect::<Result<Vec<_>, _>>()?;
     let (mut touches, mut used) = (Vec::new(), 0);
     let mut largest_sd_n_m = 0.0_f64;
-    let mut known = None;
+    let calibrated = file.calibrated(calibration, None)?;
     for trace in &traces {
-        let calibrated = calibrated(calibration, &file, &trace.sidecar)?;
+        check_calibration(calibration, &file, &trace.sidecar)?;
         let noise_sd_n_m = trace.sidecar.own_noise_sd_n_m();
         let of_trace = known_contacts(trace, &knowledge(&calibrated, noise_sd_n_m, None, trace.sidecar.rate_hz));
         if of_trace.is_empty() {
@@ -53,9 +53,7 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
         used += of_trace.iter().map(Vec::len).sum::<usize>();
         largest_sd_n_m = largest_sd_n_m.max(noise_sd_n_m);
         touches.extend(of_trace);
-        known = Some(calibrated);
     }
-    let calibrated = known.context("found no trace, expected at least one")?;
     let deviation = Mounting::learnt(&calibrated, &touches, largest_sd_n_m).with_context(|| {
         format!(
             "{}: found too few of the {used} known contacts within the calibrated domain, expected at least {} whose readings a \

@@ -52,16 +52,19 @@ impl Expected {
 pub(super) struct Side {
     pub(super) calibrated: Arc<CalibratedSpace>,
     beam: Beam,
+    /// Middle of the undeflected whisker.
+    pub(super) middle: Point<Base>,
     /// Variance of the measurement noise of each moment.
     noise_n2_m2: f64,
 }
 
 impl Side {
     pub(super) fn new(knowledge: &Knowledge) -> Self {
-        let whisker = &knowledge.calibrated.whisker.whisker;
+        let CalibratedSpace { whisker, axis, .. } = &*knowledge.calibrated;
         Self {
             calibrated: knowledge.calibrated.clone(),
-            beam: Beam::new(whisker),
+            beam: Beam::new(&whisker.whisker),
+            middle: Around::new(0.5 * axis.rest().length_m(), 0.0, 0.0).contact(axis),
             noise_n2_m2: knowledge.noise_sd_n_m.powi(2),
         }
     }
@@ -76,20 +79,10 @@ impl Side {
         self.axis().rest().length_m()
     }
 
-    /// Middle of the undeflected whisker.
-    pub(super) fn middle(&self) -> Point<Base> {
-        Around::new(0.5 * self.length_m(), 0.0, 0.0).contact(self.axis())
-    }
-
     /// Share of the error of the sensor model that counts as new after a motion of the base. The path of the contact is
     /// approximated by that of the whisker's middle.
     pub(super) fn new_share(&self, motion: &Pose<Base, Base>) -> f64 {
-        let error = &self.calibrated.error;
-        if error.correlation_m.is_none() {
-            return 1.0;
-        }
-        let middle = self.middle();
-        error.new_share(motion.apply(middle).distance(&middle))
+        self.calibrated.error.new_share(motion.apply(self.middle).distance(&self.middle))
     }
 
     /// Directions at a contact. `None` if the whisker has none.

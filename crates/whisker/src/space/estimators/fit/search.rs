@@ -158,7 +158,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         if let Some(length_m) = side.calibrated.error.correlation_m {
             // The links account for the correlated errors of the model.
             common.fixed_columns_mut::<2>(0).fill(0.0);
-            let place = mean.base().apply(side.middle());
+            let place = mean.base().apply(side.middle);
             let model_n2_m2 = expected.model_n2_m2.trace();
             let noise_n2_m2 = side.noise_of_mean_n2_m2(mean.count).trace();
             let share = (model_n2_m2 / (model_n2_m2 + noise_n2_m2)).sqrt();
