@@ -22,6 +22,9 @@ from whisker_sim.whisker import Array, Positive, Whisker
 _STEPS = 512
 """Runge-Kutta steps in each piece of constant pre-curvature: errors below 1e-10 for tapers down to a quarter."""
 
+_NEXT, _AFTER_NEXT = np.array((1, 2, 0)), np.array((2, 0, 1))
+"""Axes that follow each axis of a right-handed frame."""
+
 
 class Suspension(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Stiffness of the three springs at the root, in series (N m/rad)."""
@@ -66,13 +69,13 @@ def spatially_loaded(
 
         def slope(state: Array, s_m: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
             position, directors = state[:, 0], state[:, 1:]
-            moment = np.cross(force_n, position)
+            moment = _cross(force_n, position)
             about = np.einsum("nij,nj->ni", directors, moment)
             bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.diameter_m(s_m) ** 4 / 64.0
             about *= np.array((1.0 + poisson_ratio, 1.0, 1.0)) / bending_n_m2[:, None]
             about[:, 2] += curvature_per_m
             curvature = np.einsum("ni,nij->nj", about, directors)
-            return np.concatenate((directors[:, :1], np.cross(curvature[:, None], directors)), axis=1)
+            return np.concatenate((directors[:, :1], _cross(curvature[:, None], directors)), axis=1)
 
         for index in range(steps):
             s_m = near_m + index * step_m
@@ -82,12 +85,17 @@ def spatially_loaded(
             k4 = slope(state + h * k3, s_m + step_m)
             state = state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     position, to_root = state[:, 0], state[:, 1:]
-    in_root = np.einsum("nij,nj->ni", to_root, np.cross(force_n, position))
+    in_root = np.einsum("nij,nj->ni", to_root, _cross(force_n, position))
     root_rad, rotation = _turned(suspension, in_root)
     directors = rotation @ to_root
     point_m = -np.einsum("nij,nj->ni", directors, position)
     moment_n_m = np.einsum("nij,nj->ni", rotation, in_root)
     return SpatiallyLoaded(point_m, directors, moment_n_m, root_rad)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """As `np.cross` of vectors along the last axis, to the bit, but several times as fast for few of them."""
+    return a[..., _NEXT] * b[..., _AFTER_NEXT] - a[..., _AFTER_NEXT] * b[..., _NEXT]
 
 
 def _turned(suspension: Suspension, moment: Array) -> tuple[Array, Array]:
