@@ -28,6 +28,26 @@ pub struct ParticleSet<const N: usize> {
     scratch: Scratch<N>,
 }
 
+/// Lower triangular factor of a covariance. Components without variance of their own have columns of zeros.
+fn factor<const N: usize>(covariance: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    if let Some(definite) = covariance.cholesky() {
+        return definite.l();
+    }
+    let mut factor = SMatrix::<f64, N, N>::zeros();
+    for j in 0..N {
+        let left = |i: usize| covariance[(i, j)] - (0..j).map(|k| factor[(i, k)] * factor[(j, k)]).sum::<f64>();
+        let pivot = left(j);
+        if pivot > SINGULAR * covariance[(j, j)] {
+            let column: SVector<f64, N> = SVector::from_fn(|i, _| if i < j { 0.0 } else { left(i) / pivot.sqrt() });
+            factor.set_column(j, &column);
+        }
+    }
+    factor
+}
+
+/// Share of the variance of a component below which that part of it that is independent of the earlier ones counts as zero.
+const SINGULAR: f64 = 1e-12;
+
 /// Quantities of the weights that are computed along with them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Summary {
@@ -142,12 +162,12 @@ impl<const N: usize> ParticleSet<N> {
     }
 
     /// Propagates every particle through the process and adds process noise. As in the Gaussian filters, the noise
-    /// covariance is that at the mean.
+    /// covariance is that at the mean; it may be singular.
     pub fn predict(&mut self, process: &impl Process<N>, rng: &mut impl Rng) {
         let noise = process.constant_noise().unwrap_or_else(|| process.noise(&self.mean()));
         process.predict_each(&mut self.particles);
-        if let Some(factor) = noise.cholesky() {
-            self.add_noise(factor.l(), rng);
+        if noise.iter().any(|entry| *entry != 0.0) {
+            self.add_noise(factor(&noise), rng);
         }
     }
 

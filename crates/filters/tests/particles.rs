@@ -1,7 +1,7 @@
 //! Particle filter with readings far more precise than the spacing of the particles.
 
 use filters::particle::Renewal;
-use filters::{Gaussian, Measurement, ParticleSet, extended};
+use filters::{Gaussian, Measurement, ParticleSet, Process, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -23,6 +23,31 @@ impl Measurement<2, 1> for Linear {
 
 fn standard_normal(rng: &mut Pcg64) -> ParticleSet<2> {
     ParticleSet::new((0..2000).map(|_| SVector::from_fn(|_, _| rng.sample(StandardNormal))).collect())
+}
+
+/// A state at rest with noise of this covariance.
+struct Noisy(Matrix2<f64>);
+
+impl Process<2> for Noisy {
+    fn predict(&self, x: &Vector2<f64>) -> Vector2<f64> {
+        *x
+    }
+    fn noise(&self, _: &Vector2<f64>) -> Matrix2<f64> {
+        self.0
+    }
+}
+
+#[test]
+fn verif_noise_with_a_singular_covariance_is_added() {
+    for covariance in
+        [Matrix2::new(4.0, 0.0, 0.0, 0.0), Matrix2::new(0.0, 0.0, 0.0, 4.0), Matrix2::new(4.0, 2.0, 2.0, 1.0)]
+    {
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut particles = ParticleSet::new((0..20_000).map(|_| Vector2::zeros()).collect());
+        particles.predict(&Noisy(covariance), &mut rng);
+        let found = particles.moments().covariance;
+        assert!((found - covariance).norm() < 0.05 * covariance.norm(), "{found} {covariance}");
+    }
 }
 
 #[test]
