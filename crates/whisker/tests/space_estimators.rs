@@ -163,6 +163,44 @@ fn verif_a_fixed_point_is_located_with_its_covariance() {
     }
 }
 
+#[test]
+fn verif_particles_locate_a_rod() {
+    let along = Vector3::new(0.1, 0.2, 0.97).normalize();
+    for knowledge in [&*STRAIGHT, &*CURVED] {
+        let found = replayed(knowledge, "particle", along, 1.0);
+        for (estimate, truth, _) in &found[found.len() - 50..] {
+            assert!(error(estimate, truth).norm() < 0.5e-3, "{}", error(estimate, truth));
+            assert!(estimate.innovation.is_some() && estimate.direction.is_some());
+        }
+    }
+}
+
+/// Only the position is compared: the covariance of the published filter assumes constant noise.
+#[test]
+fn verif_the_published_filter_locates_a_fixed_point() {
+    for knowledge in [&*STRAIGHT, &*CURVED] {
+        let found = replayed(knowledge, "paper-ukf-3d", Vector3::zeros(), 1.0);
+        for (estimate, truth, _) in &found[found.len() - 100..] {
+            assert!(error(estimate, truth).norm() < 2e-3, "{}", error(estimate, truth));
+            assert!(estimate.innovation.is_some() && estimate.model_doubtful.is_none());
+        }
+    }
+}
+
+#[test]
+fn verif_particles_with_the_same_seed_give_the_same_estimates() {
+    let row = spatial_estimator("particle").unwrap();
+    let estimates = [1, 1, 2].map(|seed| {
+        let mut config = row.defaults();
+        config["seed"] = json!(seed);
+        let mut estimator = row.build(&config, TouchConfig::default(), &STRAIGHT).unwrap();
+        let sample = Sample { motion: Pose::identity(), dt_s: 1.0 / RATE_HZ, reading_n_m: Vector2::new(-4e-6, 3e-6) };
+        (0..50).filter_map(|_| estimator.step(&sample)).last().expect("a touch is detected").contact
+    });
+    assert_eq!(estimates[0], estimates[1]);
+    assert_ne!(estimates[0], estimates[2]);
+}
+
 /// The same readings, of a sensor that is stated to be a real one and of a simulated one.
 #[test]
 fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {

@@ -20,7 +20,7 @@ mod polar;
 mod polynomial;
 pub(crate) mod regression;
 mod scales;
-mod spline;
+pub(crate) mod spline;
 mod table;
 mod turn;
 

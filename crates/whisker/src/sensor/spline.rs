@@ -62,7 +62,7 @@ struct Spline {
 }
 
 /// The four splines that differ from zero in an interval, at the position `t` in it, and their derivatives.
-fn basis(t: f64) -> ([f64; 4], [f64; 4]) {
+pub(crate) fn basis(t: f64) -> ([f64; 4], [f64; 4]) {
     let r = 1.0 - t;
     let values = [
         r * r * r / 6.0,
@@ -139,8 +139,31 @@ fn penalty(intervals: [usize; 2], weights: [f64; 2]) -> DMatrix<f64> {
     rows
 }
 
-/// The estimate with the weights of the smallest score: both are varied in turn over the powers of ten until neither
-/// changes.
+/// The powers of ten of two penalty weights with the smallest score, and the result that `score` returns with it: each is varied in
+/// turn until neither changes. `None` if the first ones have no score.
+pub(crate) fn best_weights<T>(score: impl Fn([i32; 2]) -> Option<(f64, T)>) -> Option<([i32; 2], T)> {
+    let mut powers = [*WEIGHTS.start() / 2; 2];
+    let mut best = score(powers)?;
+    loop {
+        let before = powers;
+        for (axis, step) in [(0, -1), (0, 1), (1, -1), (1, 1)] {
+            loop {
+                let mut next = powers;
+                next[axis] += step;
+                let Some(tried) = WEIGHTS.contains(&next[axis]).then(|| score(next)).flatten() else { break };
+                if tried.0 >= best.0 {
+                    break;
+                }
+                (best, powers) = (tried, next);
+            }
+        }
+        if powers == before {
+            return Some((powers, best.1));
+        }
+    }
+}
+
+/// The estimate with the weights of the smallest score of the generalised cross-validation.
 fn smooth(triangle: &Triangle, intervals: [usize; 2], samples: usize) -> Option<([f64; 2], Estimate)> {
     let scale = samples as f64 / count(intervals) as f64;
     let weights = |powers: [i32; 2]| powers.map(|power| scale * 10_f64.powi(power));
@@ -150,27 +173,7 @@ fn smooth(triangle: &Triangle, intervals: [usize; 2], samples: usize) -> Option<
         let score = estimate.noise_variance / (1.0 - estimate.freedom / samples as f64);
         Some((score, estimate))
     };
-    let mut powers = [*WEIGHTS.start() / 2; 2];
-    let mut best = score(powers)?;
-    loop {
-        let before = powers;
-        for axis in 0..2 {
-            for step in [-1, 1] {
-                loop {
-                    let mut next = powers;
-                    next[axis] += step;
-                    let Some(tried) = WEIGHTS.contains(&next[axis]).then(|| score(next)).flatten() else { break };
-                    if tried.0 >= best.0 {
-                        break;
-                    }
-                    (best, powers) = (tried, next);
-                }
-            }
-        }
-        if powers == before {
-            return Some((weights(powers), best.1));
-        }
-    }
+    best_weights(score).map(|(powers, estimate)| (weights(powers), estimate))
 }
 
 impl SensorModel for Spline {

@@ -5,7 +5,7 @@ use filters::{Bank, Gaussian, Innovation, robust};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::motion::{Motion, MotionSettings};
+use super::motion::{AnyMotion, Motion, MotionSettings};
 use super::side::{ContactReading, Side};
 use super::{Estimate, Knowledge, Sample, start};
 use crate::settings::{Settings, SettingsError, within};
@@ -96,6 +96,18 @@ pub(super) struct Follower<Model, const N: usize> {
     /// `None` before the first step.
     bank: Option<Bank<N>>,
     unrest: Unrest,
+}
+
+/// Begins to follow a contact under any model of motion.
+pub(super) struct Begin<'a> {
+    pub(super) config: &'a Config,
+    pub(super) knowledge: &'a Knowledge,
+}
+
+impl AnyMotion for Begin<'_> {
+    fn begin_with<Model: Motion<N>, const N: usize>(self, model: Model) -> Box<dyn Tracker> {
+        Box::new(Follower::new(self.config, model, self.knowledge))
+    }
 }
 
 /// Recent acceleration of the base, from its motion.

@@ -1,14 +1,16 @@
 //! Estimators of the contact in space.
 //!
 //! The input is a sequence of [`Sample`]s: the motion of the base between two instants and both bending moments. An
-//! [`Estimator`] detects contact in either moment ([`crate::events`]) and follows it from touch to release. There are three kinds
-//! of methods:
+//! [`Estimator`] detects contact in either moment ([`crate::events`]) and follows it from touch to release. The kinds of
+//! methods are:
 //!
 //! - a filter (`follower.rs`): a bank of Gaussian hypotheses ([`filters::Bank`]) along the whisker,
+//! - a particle filter (`particle.rs`),
+//! - the unscented Kalman filter of Lin et al. 2024 (`paper.rs`),
 //! - a fit (`fit/`) of an object to all readings,
 //! - an average (`model_averaging.rs`) over fits, weighted by their evidence.
 //!
-//! Filters and fits have the same models of the contact's motion (`motion/`): a fixed point, a straight edge or rod of unknown
+//! Filters, particle filters and fits share the models of the contact's motion (`motion/`): a fixed point, a straight edge or rod of unknown
 //! direction, a sphere, or a surface of two principal curvatures.
 //!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
@@ -19,6 +21,8 @@ mod follower;
 mod model_averaging;
 mod motion;
 mod mounted;
+mod paper;
+mod particle;
 mod ringing;
 mod side;
 mod start;
@@ -196,7 +200,19 @@ trait Method: Send + Sync {
 
 impl Method for follower::Config {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        self.motion.begin(self, knowledge)
+        self.motion.begin(follower::Begin { config: self, knowledge })
+    }
+}
+
+impl Method for particle::Config {
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        self.motion.begin(particle::Begin { config: self, knowledge })
+    }
+}
+
+impl Method for paper::Config {
+    fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
+        Box::new(paper::PaperUkf::new(self, knowledge))
     }
 }
 
@@ -211,6 +227,10 @@ impl Method for fit::Config {
 enum Kind {
     /// Filter.
     Filter(fn() -> MotionSettings),
+    /// Particle filter.
+    Particles(fn() -> MotionSettings),
+    /// Unscented Kalman filter of Lin et al. 2024.
+    Paper,
     /// Fit to all readings of a touch.
     Fit(fn() -> MotionSettings),
     /// Average of other methods.
@@ -221,6 +241,8 @@ impl Kind {
     fn defaults(self) -> Value {
         let defaults = match self {
             Self::Filter(motion) => serde_json::to_value(follower::Config::new(motion())),
+            Self::Particles(motion) => serde_json::to_value(particle::Config::new(motion())),
+            Self::Paper => serde_json::to_value(paper::Config::default()),
             Self::Fit(motion) => serde_json::to_value(fit::Config::new(motion())),
             Self::Average => serde_json::to_value(model_averaging::Config::default()),
         };
@@ -230,6 +252,8 @@ impl Kind {
     fn method(self, config: &Value) -> Result<Box<dyn Method>, SettingsError> {
         Ok(match self {
             Self::Filter(_) => Box::new(parse::<follower::Config>(config)?),
+            Self::Particles(_) => Box::new(parse::<particle::Config>(config)?),
+            Self::Paper => Box::new(parse::<paper::Config>(config)?),
             Self::Fit(_) => Box::new(parse::<fit::Config>(config)?),
             Self::Average => Box::new(model_averaging::ModelAveraging::new(parse(config)?)?),
         })
@@ -271,6 +295,16 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
         name: "sphere",
         about: "iterated extended Kalman filter for a contact that slides over a sphere of unknown radius",
         kind: Kind::Filter(MotionSettings::sphere),
+    },
+    SpatialEstimatorRow {
+        name: "particle",
+        about: "particle filter for a thin rod or an edge of unknown direction, along which the contact slides",
+        kind: Kind::Particles(MotionSettings::line),
+    },
+    SpatialEstimatorRow {
+        name: "paper-ukf-3d",
+        about: "unscented Kalman filter of Lin et al. 2024 for a contact at rest: a single initial hypothesis, constant noise, fading memory",
+        kind: Kind::Paper,
     },
     SpatialEstimatorRow {
         name: "point-fit",

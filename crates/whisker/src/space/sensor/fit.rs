@@ -142,7 +142,7 @@ fn blocks(line: &[SpatialSample]) -> Vec<SpatialSample> {
 }
 
 /// Indices of each line and its neighbours.
-fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
+pub(super) fn neighbours(lines: &[Vec<SpatialSample>]) -> Vec<Vec<usize>> {
     let center = |line: &Vec<SpatialSample>| {
         line.iter().map(|sample| sample.contact.vector()).sum::<Vector3<f64>>() / line.len() as f64
     };

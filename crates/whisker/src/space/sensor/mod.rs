@@ -18,6 +18,7 @@ mod neighbours;
 mod polynomial;
 mod rod;
 mod screening;
+mod spline;
 mod table;
 mod tabulated;
 #[cfg(test)]
@@ -175,6 +176,14 @@ pub static SPATIAL_MODELS: &[SpatialModelRow] = &[
         candidates: rod::candidates,
         fit: rod::fit,
         load: rod::load,
+    },
+    SpatialModelRow {
+        kind: spline::KIND,
+        about: "penalised tensor-product spline in the contact's coordinates about the whisker",
+        defaults: spline::defaults,
+        candidates: spline::candidates,
+        fit: spline::fit,
+        load: spline::load,
     },
     SpatialModelRow {
         kind: gaussian_process::KIND,

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::fit::{self, Fitter};
-use super::follower::{Config, Follower, Tracker};
+use super::follower::Tracker;
 use super::side::Side;
 use super::{Estimate, Knowledge, Radius, Sample};
 use crate::settings::{SettingsError, within};
@@ -48,6 +48,12 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
 
     /// Adds to the estimate what the model states about the object.
     fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
+}
+
+/// A method that tracks contacts under any model of motion.
+pub(super) trait AnyMotion {
+    /// Begins to track a contact under a model.
+    fn begin_with<Model: Motion<N>, const N: usize>(self, model: Model) -> Box<dyn Tracker>;
 }
 
 /// The registry of motion models, with their settings.
@@ -100,12 +106,12 @@ impl MotionSettings {
     }
 
     /// Begins to track a contact under this model.
-    pub(super) fn begin(self, config: &Config, knowledge: &Knowledge) -> Box<dyn Tracker> {
+    pub(super) fn begin(self, any: impl AnyMotion) -> Box<dyn Tracker> {
         match self {
-            Self::Resting(model) => Box::new(Follower::<Resting, 3>::new(config, model, knowledge)),
-            Self::Line(model) => Box::new(Follower::<Line, 6>::new(config, model, knowledge)),
-            Self::Sphere(model) => Box::new(Follower::<Sphere, 5>::new(config, model, knowledge)),
-            Self::Patch(model) => Box::new(Follower::<Patch, 7>::new(config, model, knowledge)),
+            Self::Resting(model) => any.begin_with(model),
+            Self::Line(model) => any.begin_with(model),
+            Self::Sphere(model) => any.begin_with(model),
+            Self::Patch(model) => any.begin_with(model),
         }
     }
 
