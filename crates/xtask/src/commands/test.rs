@@ -1,7 +1,7 @@
 //! Every test: Rust, Python, end to end.
 
 use std::process::{Command, Stdio};
-use std::{fs, io};
+use std::{env, fs, io, thread};
 
 use crate::failure::{Failure, Outcome};
 use crate::parts::{self, Part};
@@ -23,7 +23,7 @@ pub(super) const PARTS: &[Part] = &[
     Part { name: "python packages", run: || python::install(Requirements::Development) },
     Part { name: "python tests, builds", run: python_tests_and_builds },
     Part { name: "interrupted simulations", run: || run_command(pytest(&[INTERRUPTED])) },
-    Part { name: "rust tests", run: || run_command(cargo(&rust_tests(&["--no-fail-fast"]))) },
+    Part { name: "rust tests", run: run_rust_tests },
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
     Part { name: "end to end", run: end_to_end },
     Part { name: "python package", run: python_package },
@@ -54,6 +54,20 @@ fn python_tests_and_builds() -> Outcome {
 fn rust_tests(options: &[&'static str]) -> Vec<&'static str> {
     let run: &[&str] = if has_nextest() { &["nextest", "run"] } else { &["test", "--tests"] };
     [run, &TESTED, options].concat()
+}
+
+/// Runs the Rust tests, three at a time for every two processors, because some mostly wait for a port, a program or a clock. Numbers
+/// that are set in the environment are kept.
+fn run_rust_tests() -> Outcome {
+    let mut command = cargo(&rust_tests(&["--no-fail-fast"]));
+    let processors = thread::available_parallelism().map_or(1, usize::from);
+    let threads = processors.div_ceil(2) + processors;
+    for variable in ["NEXTEST_TEST_THREADS", "RUST_TEST_THREADS"] {
+        if env::var_os(variable).is_none() {
+            command.env(variable, threads.to_string());
+        }
+    }
+    run_command(command)
 }
 
 /// A command that runs tests in Python, one process per processor. Tests of one file share a process, and with it their fixtures.
