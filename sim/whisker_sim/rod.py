@@ -94,7 +94,7 @@ def spatially_loaded(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """As `np.cross` of vectors along the last axis, to the bit, but several times as fast for few of them."""
+    """Cross product along the last axis: that of `np.cross` to the bit, and several times as fast for few vectors."""
     return a[..., _NEXT] * b[..., _AFTER_NEXT] - a[..., _AFTER_NEXT] * b[..., _NEXT]
 
 
