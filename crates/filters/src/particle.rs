@@ -9,6 +9,7 @@ mod weights;
 use fearless_simd::prelude::*;
 use nalgebra::{Cholesky, Const, Matrix1, SMatrix, SVector, Vector1};
 use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
 
 use crate::robust::InflatedNoise;
 use crate::simd::{self, Column, GROUPS, Generator, LANES, Rows, of_group};
@@ -27,26 +28,6 @@ pub struct ParticleSet<const N: usize> {
     summary: Summary,
     scratch: Scratch<N>,
 }
-
-/// Lower triangular factor of a covariance. Components without variance of their own have columns of zeros.
-fn factor<const N: usize>(covariance: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    if let Some(definite) = covariance.cholesky() {
-        return definite.l();
-    }
-    let mut factor = SMatrix::<f64, N, N>::zeros();
-    for j in 0..N {
-        let left = |i: usize| covariance[(i, j)] - (0..j).map(|k| factor[(i, k)] * factor[(j, k)]).sum::<f64>();
-        let pivot = left(j);
-        if pivot > SINGULAR * covariance[(j, j)] {
-            let column: SVector<f64, N> = SVector::from_fn(|i, _| if i < j { 0.0 } else { left(i) / pivot.sqrt() });
-            factor.set_column(j, &column);
-        }
-    }
-    factor
-}
-
-/// Share of the variance of a component below which that part of it that is independent of the earlier ones counts as zero.
-const SINGULAR: f64 = 1e-12;
 
 /// Quantities of the weights that are computed along with them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +80,26 @@ impl<const N: usize> Scratch<N> {
     }
 }
 
+/// Share of the variance of a component below which that part of it that is independent of the earlier ones counts as zero.
+const SINGULAR: f64 = 1e-12;
+
+/// Lower triangular factor of a covariance. Components without variance of their own have columns of zeros.
+fn factor<const N: usize>(covariance: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    if let Some(definite) = covariance.cholesky() {
+        return definite.l();
+    }
+    let mut factor = SMatrix::<f64, N, N>::zeros();
+    for j in 0..N {
+        let left = |i: usize| covariance[(i, j)] - (0..j).map(|k| factor[(i, k)] * factor[(j, k)]).sum::<f64>();
+        let pivot = left(j);
+        if pivot > SINGULAR * covariance[(j, j)] {
+            let column: SVector<f64, N> = SVector::from_fn(|i, _| if i < j { 0.0 } else { left(i) / pivot.sqrt() });
+            factor.set_column(j, &column);
+        }
+    }
+    factor
+}
+
 impl<const N: usize> ParticleSet<N> {
     /// Particle set with equal weights.
     ///
@@ -119,6 +120,23 @@ impl<const N: usize> ParticleSet<N> {
         };
         let (weights, logs) = (simd::column(count, 1.0 / count as f64), simd::column(count, 0.0));
         Self { particles, weights, logs, summary: Summary::of_equal_weights(count), scratch }
+    }
+
+    /// Particle set with equal weights, drawn from Gaussians in proportion to their weights. Their covariances may be singular.
+    /// `None` if no weight is positive, or the sum of the weights is not finite.
+    pub fn drawn(parts: &[(Gaussian<N>, f64)], count: usize, rng: &mut impl Rng) -> Option<Self> {
+        let total: f64 = parts.iter().map(|(_, weight)| weight).sum();
+        let mut particles = Vec::with_capacity(count);
+        let mut due = 0.0;
+        for (belief, weight) in parts {
+            let factor = factor(&belief.covariance);
+            due += weight / total * count as f64;
+            while particles.len() < due.round() as usize {
+                let normal = SVector::from_fn(|_, _| rng.sample(StandardNormal));
+                particles.push(belief.mean + factor * normal);
+            }
+        }
+        (!particles.is_empty()).then(|| Self::new(particles.into_iter().collect()))
     }
 
     /// Particles.

@@ -51,6 +51,21 @@ fn verif_noise_with_a_singular_covariance_is_added() {
 }
 
 #[test]
+fn verif_drawn_particles_have_the_moments_of_the_mixture() {
+    let mut rng = Pcg64::seed_from_u64(6);
+    // The second Gaussian has no extent along the second axis.
+    let parts = [
+        (Gaussian::new(vector![0.0, 0.0], Matrix2::identity()), 3.0),
+        (Gaussian::new(vector![4.0, 8.0], Matrix2::new(1.0, 0.0, 0.0, 0.0)), 1.0),
+    ];
+    let found = ParticleSet::drawn(&parts, 40_000, &mut rng).unwrap().moments();
+    assert!((found.mean - vector![1.0, 2.0]).norm() < 0.03, "{}", found.mean);
+    let expected = Matrix2::new(4.0, 6.0, 6.0, 12.75);
+    assert!((found.covariance - expected).norm() < 0.02 * expected.norm(), "{}", found.covariance);
+    assert!(ParticleSet::<2>::drawn(&[], 10, &mut rng).is_none());
+}
+
+#[test]
 fn val_renewed_particles_equal_the_kalman_filter_when_reweighting_alone_degenerates() {
     let mut rng = Pcg64::seed_from_u64(3);
     let renewal = Renewal { share: 0.5, bandwidth: 0.3, gate_sds: 1e3 };

@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use filters::particle::Renewal;
 use filters::{ConstantNoise, ParticleSet};
-use nalgebra::{SMatrix, SVector, Vector1};
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
+use nalgebra::{SVector, Vector1};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -125,19 +124,11 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
     /// The particles at the touch: drawn from the initial hypotheses and weighted by the readings before the touch.
     fn begin(&mut self, touch: &Sample) -> ParticleSet<N> {
         let beliefs = self.config.start.beliefs(&self.side, touch.reading_n_m, self.contact_prior);
-        let total: f64 = beliefs.iter().map(|(_, log_weight)| log_weight.exp()).sum();
-        let mut particles = Vec::with_capacity(self.config.particles);
-        let mut due = 0.0;
-        for (place, log_weight) in &beliefs {
-            let belief = self.motion.belief(place);
-            let factor = belief.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
-            due += log_weight.exp() / total * self.config.particles as f64;
-            while particles.len() < due.round() as usize {
-                let normal = SVector::from_fn(|_, _| self.rng.sample(StandardNormal));
-                particles.push(self.held(belief.mean + factor * normal));
-            }
-        }
-        let mut set = ParticleSet::new(particles.into_iter().collect());
+        let parts: Vec<_> =
+            beliefs.iter().map(|(place, log_weight)| (self.motion.belief(place), log_weight.exp())).collect();
+        let drawn = ParticleSet::drawn(&parts, self.config.particles, &mut self.rng);
+        let mut set = drawn.expect("the initial hypotheses have positive weights");
+        set.map(|x| self.held(*x));
         let renewal = self.config.renewal();
         for Earlier { sample, .. } in earlier(&self.history, touch, self.noise_sd_n_m, 0.0) {
             let back = self.motion.step(&self.side, &sample);

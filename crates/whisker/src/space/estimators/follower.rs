@@ -98,15 +98,9 @@ pub(super) struct Follower<Model, const N: usize> {
     unrest: Unrest,
 }
 
-/// Begins to follow a contact under any model of motion.
-pub(super) struct Begin<'a> {
-    pub(super) config: &'a Config,
-    pub(super) knowledge: &'a Knowledge,
-}
-
-impl AnyMotion for Begin<'_> {
-    fn begin_with<Model: Motion<N>, const N: usize>(self, model: Model) -> Box<dyn Tracker> {
-        Box::new(Follower::new(self.config, model, self.knowledge))
+impl AnyMotion for Config {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, model: Model, knowledge: &Knowledge) -> Box<dyn Tracker> {
+        Box::new(Follower::new(self, model, knowledge))
     }
 }
 

@@ -10,8 +10,8 @@
 //! - a fit (`fit/`) of an object to all readings,
 //! - an average (`model_averaging.rs`) over fits, weighted by their evidence.
 //!
-//! Filters, particle filters and fits share the models of the contact's motion (`motion/`): a fixed point, a straight edge or rod of unknown
-//! direction, a sphere, or a surface of two principal curvatures.
+//! Filters, particle filters and fits share the models of the contact's motion (`motion/`): a fixed point, a straight edge or rod
+//! of unknown direction, a sphere, or a surface of two principal curvatures.
 //!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
 //! of `MotionSettings`.
@@ -200,13 +200,13 @@ trait Method: Send + Sync {
 
 impl Method for follower::Config {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        self.motion.begin(follower::Begin { config: self, knowledge })
+        self.motion.begin(self, knowledge)
     }
 }
 
 impl Method for particle::Config {
     fn begin(&self, knowledge: &Arc<Knowledge>) -> Box<dyn Tracker> {
-        self.motion.begin(particle::Begin { config: self, knowledge })
+        self.motion.begin(self, knowledge)
     }
 }
 
@@ -303,7 +303,7 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     },
     SpatialEstimatorRow {
         name: "paper-ukf-3d",
-        about: "unscented Kalman filter of Lin et al. 2024 for a contact at rest: a single initial hypothesis, constant noise, fading memory",
+        about: "unscented Kalman filter of Lin et al. 2024 for a contact at rest, with constant noise and fading memory",
         kind: Kind::Paper,
     },
     SpatialEstimatorRow {

@@ -1,6 +1,6 @@
 //! The unscented Kalman filter of Lin et al. ("Navigation and 3D surface reconstruction from passive whisker sensing", arXiv
-//! 2406.06038, 2024): the contact as state, at rest in the world; both bending moments as readings; a single initial
-//! hypothesis, constant noise, and a fading memory. Errors of the sensor model are part of the constant noise, and no reading is gated.
+//! 2406.06038, 2024): the contact as state, at rest in the world; both bending moments as readings; a single initial hypothesis,
+//! constant noise, and a fading memory. Errors of the sensor model are part of the constant noise, and no reading is gated.
 
 use filters::unscented::{self, Spread};
 use filters::{Gaussian, Measurement, Process};

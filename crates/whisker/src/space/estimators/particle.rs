@@ -1,10 +1,9 @@
 //! Follows one contact in space with a particle filter.
 
 use filters::particle::Renewal;
-use filters::{Innovation, Measurement, ParticleSet};
+use filters::{Gaussian, Innovation, Measurement, ParticleSet};
 use nalgebra::{Matrix1, RowVector2, SMatrix, SVector, Vector1};
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
@@ -62,15 +61,9 @@ pub(super) struct Particles<Model, const N: usize> {
     unrest: Unrest,
 }
 
-/// Begins to follow a contact under any model of motion.
-pub(super) struct Begin<'a> {
-    pub(super) config: &'a Config,
-    pub(super) knowledge: &'a Knowledge,
-}
-
-impl AnyMotion for Begin<'_> {
-    fn begin_with<Model: Motion<N>, const N: usize>(self, model: Model) -> Box<dyn Tracker> {
-        Box::new(Particles::new(self.config, model, self.knowledge))
+impl AnyMotion for Config {
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, model: Model, knowledge: &Knowledge) -> Box<dyn Tracker> {
+        Box::new(Particles::new(self, model, knowledge))
     }
 }
 
@@ -86,27 +79,19 @@ impl<Model: Motion<N>, const N: usize> Particles<Model, N> {
         }
     }
 
-    /// Particles that explain the readings of the touch, drawn from the initial hypotheses in proportion to their weights. `None` if
-    /// no contact explains the readings.
+    /// Particles that explain the readings of the touch, drawn from the initial hypotheses in proportion to their weights. `None`
+    /// if no contact explains the readings.
     fn begin(&mut self, touch: &Sample) -> Option<ParticleSet<N>> {
         let places = start::beliefs(&self.side, self.config.hypotheses, None, touch.reading_n_m);
-        let total: f64 = places.iter().map(|(_, weight)| weight).sum();
-        let mut particles = Vec::with_capacity(self.config.particles);
-        let mut due = 0.0;
-        for (place, weight) in &places {
-            let parts = self.model.parts(place);
-            for belief in &parts {
-                let factor = belief.covariance.cholesky().map_or_else(SMatrix::zeros, |factor| factor.l());
-                due += weight / (total * parts.len() as f64) * self.config.particles as f64;
-                while particles.len() < due.round() as usize {
-                    let normal = SVector::from_fn(|_, _| self.rng.sample(StandardNormal));
-                    let mut particle = belief.mean + factor * normal;
-                    self.side.hold(&mut particle);
-                    particles.push(particle);
-                }
-            }
-        }
-        (!particles.is_empty()).then(|| ParticleSet::new(particles.into_iter().collect()))
+        let parts = |(place, weight): &(Gaussian<3>, f64)| {
+            let (parts, weight) = (self.model.parts(place), *weight);
+            let each = weight / parts.len() as f64;
+            parts.into_iter().map(move |belief| (belief, each))
+        };
+        let parts: Vec<_> = places.iter().flat_map(parts).collect();
+        let mut set = ParticleSet::drawn(&parts, self.config.particles, &mut self.rng)?;
+        set.map(|particle| self.held(*particle));
+        Some(set)
     }
 
     /// Moves the particles with the base, and replaces their states by equal ones that can be averaged ([`Motion::align`]).
@@ -118,12 +103,17 @@ impl<Model: Motion<N>, const N: usize> Particles<Model, N> {
         set.map(|particle| {
             let mut particle = *particle;
             self.model.align(&mut particle, &reference);
-            self.side.hold(&mut particle);
-            particle
+            self.held(particle)
         });
     }
 
-    /// Weights the particles by both readings, one after the other. Returns the innovation, with the sensor model linearised at the mean.
+    fn held(&self, mut x: SVector<f64, N>) -> SVector<f64, N> {
+        self.side.hold(&mut x);
+        x
+    }
+
+    /// Weights the particles by both readings, one after the other. Returns the innovation, with the sensor model linearised at the
+    /// mean.
     fn weigh(&mut self, set: &mut ParticleSet<N>, sample: &Sample) -> Option<Innovation<2>> {
         let reading = ContactReading {
             side: &self.side,

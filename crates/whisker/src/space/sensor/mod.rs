@@ -91,6 +91,29 @@ pub struct SpatialPrediction {
     pub gradient_n: Matrix2x3<f64>,
 }
 
+impl SpatialPrediction {
+    /// Prediction for a contact given by its coordinates about the undeflected whisker, from the readings (N m), 2x1, and their
+    /// derivatives with respect to these coordinates (N), 2x3.
+    fn around(axis: &Axis, at: Around, (reading_n_m, slopes): (Vector2<f64>, Matrix2x3<f64>)) -> Self {
+        // Singular only at the whisker's centre of curvature, where the coordinates are not defined.
+        let inverse = at.contact_with_jacobian(axis).1.try_inverse().unwrap_or_default();
+        Self { reading_n_m, gradient_n: slopes * inverse }
+    }
+}
+
+/// Checks that a stored model has this number of finite coefficients for each moment.
+fn check_coefficients(coefficients_n_m: &[Vec<f64>; 2], expected: usize) -> Result<(), ModelError> {
+    for coefficients in coefficients_n_m {
+        if coefficients.len() != expected || !coefficients.iter().all(|c| c.is_finite()) {
+            let found = coefficients.len();
+            return Err(ModelError::Data(format!(
+                "`coefficients_n_m`: found {found} numbers, expected {expected} finite ones for each moment"
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// A formula from contact to readings. It is defined everywhere; [`CalibratedSpace`] restricts it to the calibrated domain.
 pub trait SpatialModel: Debug + Send + Sync {
     /// Name in the registry.

@@ -10,7 +10,10 @@ use nalgebra::{DMatrix, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample};
+use super::{
+    FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
+    check_coefficients,
+};
 use crate::frames::Base;
 use crate::sensor::ModelError;
 use crate::sensor::regression::Triangle;
@@ -184,15 +187,7 @@ pub(super) fn fit(
 pub(super) fn load(_: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
     let model: Polynomial = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     check_degree(model.degree)?;
-    let expected = count(model.degree);
-    for coefficients in &model.coefficients_n_m {
-        if coefficients.len() != expected || !coefficients.iter().all(|c| c.is_finite()) {
-            let found = coefficients.len();
-            return Err(ModelError::Data(format!(
-                "`coefficients_n_m`: found {found} numbers, expected {expected} finite ones for each moment"
-            )));
-        }
-    }
+    check_coefficients(&model.coefficients_n_m, count(model.degree))?;
     let is_scale = |scale: &f64| scale.is_finite() && *scale > 0.0;
     if !(model.scale_m.iter().all(is_scale) && model.center_m.iter().all(|center| center.is_finite())) {
         return Err(ModelError::Data("`center_m`, `scale_m`: expected finite numbers, the scales positive".into()));

@@ -1,16 +1,16 @@
-//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with B-splines and
-//! penalties", Statistical Science 11, 1996), one for each bending moment.
+//! Smooth map without mechanics: a penalised tensor-product spline (P-spline; Eilers and Marx, "Flexible smoothing with B-splines
+//! and penalties", Statistical Science 11, 1996), one for each bending moment.
 //!
 //! ```text
 //! g(s, a, b) = sum c_ijk B_i(s) B_j(a) B_k(b)    a = u / s^2    b = v / s^2
 //! ```
 //!
-//! `s`, `u` and `v` are the coordinates about the undeflected whisker ([`Around`]), and `B_i` cubic B-splines on uniform knots over the
-//! calibrated contacts. At the same moment, contacts are displaced nearly in proportion to `s^2`, so that the calibrated contacts fill the
-//! grid of `a` and `b` at every arc length. The penalty is the weighted sum of the squared third differences of the coefficients,
-//! with one weight along the whisker and another across it. The weights are those with the smallest errors on lines held out with
-//! their neighbours. Generalised cross-validation would choose weights that are too small: it treats the correlated errors of a line as
-//! independent.
+//! `s`, `u` and `v` are the coordinates about the undeflected whisker ([`Around`]), and `B_i` cubic B-splines on uniform knots over
+//! the calibrated contacts. At the same moment, contacts are displaced nearly in proportion to `s^2`, so that the calibrated
+//! contacts fill the grid of `a` and `b` at every arc length. The penalty is the weighted sum of the squared third differences of
+//! the coefficients, with one weight along the whisker and another across it. The weights are those with the smallest errors on
+//! lines held out with their neighbours. Generalised cross-validation would choose weights that are too small: it treats the
+//! correlated errors of a line as independent.
 
 use std::array;
 
@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 use super::fit::neighbours;
 use super::{
     Around, Axis, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
+    check_coefficients,
 };
 use crate::frames::Base;
 use crate::sensor::ModelError;
@@ -286,10 +287,7 @@ impl SpatialModel for Spline {
 
     fn predict(&self, contact: Point<Base>) -> SpatialPrediction {
         let at = Around::of(&self.axis, contact);
-        let (reading_n_m, slopes) = self.predict_around(&self.axis, at);
-        // Singular only at the whisker's centre of curvature, where the coordinates are not defined.
-        let inverse = at.contact_with_jacobian(&self.axis).1.try_inverse().unwrap_or_default();
-        SpatialPrediction { reading_n_m, gradient_n: slopes * inverse }
+        SpatialPrediction::around(&self.axis, at, self.predict_around(&self.axis, at))
     }
 
     fn predict_around(&self, _: &Axis, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
@@ -352,8 +350,8 @@ pub(super) fn fit(
     let undetermined = move || {
         let found = contacts.len();
         ModelError::Data(format!(
-            "the calibration's {found} contacts do not determine the {count} coefficients of a spline: expected more lines of contacts, \
-            or fewer knot intervals (`along`, `across`)"
+            "the calibration's {found} contacts do not determine the {count} coefficients of a spline: expected more lines of \
+            contacts, or fewer knot intervals (`along`, `across`)"
         ))
     };
     let heldout = HeldOut { lines: rows, training };
@@ -382,14 +380,6 @@ pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
             direction, between finite ends of which the first is less than the last"
         )));
     }
-    let expected = stored.grid.count();
-    for coefficients in &stored.coefficients_n_m {
-        if coefficients.len() != expected || !coefficients.iter().all(|c| c.is_finite()) {
-            let found = coefficients.len();
-            return Err(ModelError::Data(format!(
-                "`coefficients_n_m`: found {found} numbers, expected {expected} finite ones for each moment"
-            )));
-        }
-    }
+    check_coefficients(&stored.coefficients_n_m, stored.grid.count())?;
     Ok(Box::new(Spline { axis: region.domain.axis(&region.whisker.whisker), stored }))
 }

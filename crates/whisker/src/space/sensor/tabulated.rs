@@ -29,10 +29,7 @@ impl Tabulated {
     /// Expected readings and their derivatives by the contact.
     pub(super) fn predict(&self, contact: Point<Base>) -> SpatialPrediction {
         let at = Around::of(&self.axis, contact);
-        let found = self.table.look(at);
-        // Singular only at the whisker's centre of curvature, where the coordinates are not defined.
-        let inverse = at.contact_with_jacobian(&self.axis).1.try_inverse().unwrap_or_default();
-        SpatialPrediction { reading_n_m: found.values, gradient_n: found.slopes * inverse }
+        SpatialPrediction::around(&self.axis, at, self.predict_around(at))
     }
 
     /// Expected readings (N m), 2x1, and their derivatives by the coordinates about the undeflected whisker (N), 2x3.

@@ -50,10 +50,10 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
 }
 
-/// A method that tracks contacts under any model of motion.
+/// Settings of a method that tracks contacts under any model of motion.
 pub(super) trait AnyMotion {
     /// Begins to track a contact under a model.
-    fn begin_with<Model: Motion<N>, const N: usize>(self, model: Model) -> Box<dyn Tracker>;
+    fn begin_with<Model: Motion<N>, const N: usize>(&self, model: Model, knowledge: &Knowledge) -> Box<dyn Tracker>;
 }
 
 /// The registry of motion models, with their settings.
@@ -106,12 +106,12 @@ impl MotionSettings {
     }
 
     /// Begins to track a contact under this model.
-    pub(super) fn begin(self, any: impl AnyMotion) -> Box<dyn Tracker> {
+    pub(super) fn begin(self, method: &impl AnyMotion, knowledge: &Knowledge) -> Box<dyn Tracker> {
         match self {
-            Self::Resting(model) => any.begin_with(model),
-            Self::Line(model) => any.begin_with(model),
-            Self::Sphere(model) => any.begin_with(model),
-            Self::Patch(model) => any.begin_with(model),
+            Self::Resting(model) => method.begin_with(model, knowledge),
+            Self::Line(model) => method.begin_with(model, knowledge),
+            Self::Sphere(model) => method.begin_with(model, knowledge),
+            Self::Patch(model) => method.begin_with(model, knowledge),
         }
     }
 
