@@ -60,8 +60,8 @@ mod _native {
     #[pymodule_export]
     use crate::space::{
         Rod, SpatialCalibration, SpatialContacts, SpatialEstimate, SpatialEstimator, SpatialPrediction, SpatialReplay,
-        SpatialTrace, SpatialTrial, fit_spatial_calibration, load_spatial_calibration, spatial_cramer_rao_bound,
-        spatial_estimators,
+        SpatialSurface, SpatialTrace, SpatialTrial, fit_spatial_calibration, load_spatial_calibration,
+        spatial_cramer_rao_bound, spatial_estimators,
     };
     #[pymodule_export]
     use crate::tables::{check_run, check_table};

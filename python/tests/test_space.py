@@ -242,9 +242,8 @@ def test_robust_a_calibration_of_missing_traces_is_refused(tmp_path, calibration
 
 
 def test_verif_the_registry_lists_the_estimators():
-    names = [row["name"] for row in wc.spatial_estimators()]
-    assert "line" in names
-    assert "sphere" in names
+    classes = {row["name"]: row["class"] for row in wc.spatial_estimators()}
+    assert (classes["line"], classes["paper-ukf-3d"], classes["batch-recommended"]) == ("recursive", "published", "hindsight")
 
 
 @pytest.fixture(scope="module")
@@ -545,3 +544,76 @@ def test_verif_a_trial_through_a_hall_sensor_equals_the_command_to_the_bit(tmp_p
         wc.SpatialTrial(trace, calibration, front_end="optical")
     with pytest.raises(ValueError, match=r"front_end\.config\.gap_m: found .*, expected 0\.003"):
         wc.SpatialTrial(trace, through_hall, front_end="hall", front_end_settings={"gap_m": 3e-3})
+
+
+def on_a_sphere(count: int, radius_m: float) -> dict[str, np.ndarray]:
+    """Contacts of two touches on a cap of a sphere about the origin."""
+    polar = np.sqrt((np.arange(count) + 0.5) / count)
+    azimuth = 2.4 * np.arange(count)
+    normals = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    return {
+        "points": radius_m * normals,
+        "normals": normals,
+        "sd_m": np.full(count, 5e-6),
+        "normal_sd_rad": np.full(count, 5e-3),
+        "touch": np.arange(count) % 2,
+    }
+
+
+def test_verif_a_surface_is_found_from_points_and_normals():
+    contacts = on_a_sphere(60, 0.02)
+    surface = wc.SpatialSurface.fit(**contacts)
+    away = np.array([[0.004, 0.003, 0.0205], [-0.008, 0.002, 0.018]])
+    points, normals, sd_m = surface.project(away)
+    assert np.abs(np.linalg.norm(points, axis=1) - 0.02).max() < 20e-6
+    assert np.allclose(normals, points / 0.02, atol=0.01)
+    assert np.all((sd_m > 0.0) & (sd_m < 50e-6))
+    value_m, sd_m = surface.level(np.vstack([points, 1.02 * points]))
+    assert np.abs(value_m[:2]).max() < 1e-9
+    assert np.allclose(value_m[2:], 0.0004, atol=2e-5)
+    assert sd_m.shape == (4,)
+    assert np.isnan(wc.SpatialSurface(0.02).project(away)[0]).all()
+    online = wc.SpatialSurface(surface.length_m)
+    online.add(**contacts)
+    assert (len(online), len(surface)) == (60, 60)
+    assert np.allclose(online.project(away)[0], points, atol=1e-9)
+    assert online.log_evidence == pytest.approx(surface.log_evidence)
+
+
+def test_verif_a_surface_is_fitted_to_the_points_of_a_replay(trial):
+    replay = trial.replay("recommended")
+    known = np.flatnonzero(replay.calibrated & (replay.sd_m < 1e-3))
+    normals = replay.normal_world[known]
+    along = np.einsum("ni,nij,nj->n", replay.normal[known], replay.covariance_m2[known], replay.normal[known])
+    surface = wc.SpatialSurface.fit(
+        replay.surface_world[known],
+        normals,
+        np.sqrt(along),
+        np.sqrt(0.5 * np.trace(replay.normal_covariance[known], axis1=1, axis2=2)),
+        np.zeros(len(known), dtype=int),
+    )
+    points, found, _ = surface.project(replay.surface_world[known])
+    assert np.linalg.norm(points - replay.surface_world[known], axis=1).max() < 1e-3
+    assert np.all(np.sum(found * normals, axis=1) > 0.9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"normals": np.zeros((4, 3))}, r"normals\[0\]: found length 0, expected a unit vector"),
+        ({"sd_m": np.array([1e-6, -1e-6, 0.0, 0.0])}, r"sd_m\[1\]: found -0.000001, expected zero or more"),
+        ({"touch": np.zeros(3, dtype=int)}, "touch: found 3 rows, expected 4"),
+        ({"points": np.zeros((4, 2))}, r"points: found an array of shape \[4, 2\]"),
+    ],
+)
+def test_robust_invalid_points_of_a_surface_are_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        wc.SpatialSurface.fit(**{**on_a_sphere(4, 0.02), **change})
+    with pytest.raises(ValueError, match=words):
+        wc.SpatialSurface(0.02).add(**{**on_a_sphere(4, 0.02), **change})
+
+
+def test_robust_a_length_scale_outside_its_range_is_refused():
+    for length_m in (0.0, -0.01, 1e3, np.nan):
+        with pytest.raises(ValueError, match="length_m: found"):
+            wc.SpatialSurface(length_m)

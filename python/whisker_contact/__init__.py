@@ -15,6 +15,7 @@ the known motion of the root, an estimator computes the point of contact.
 | recordings and sensor models in space | `SpatialTrace`, `load_spatial_calibration`, `fit_spatial_calibration`, \
 `SpatialCalibration`, `SpatialPrediction` |
 | estimation in space | `SpatialEstimator`, `SpatialEstimate`, `SpatialReplay`, `spatial_estimators` |
+| surfaces in space | `SpatialSurface` |
 | evaluation in space | `SpatialTrial`, `evaluate`, `spatial_cramer_rao_bound`, `spatial_front_ends` |
 | results | `read_table`, `read_results`, `Results`, `frame` |
 | figures | `plot_sweep`, `plot_outline` |
@@ -49,6 +50,7 @@ from ._native import (
     SpatialEstimator,
     SpatialPrediction,
     SpatialReplay,
+    SpatialSurface,
     SpatialTrace,
     SpatialTrial,
     Trace,
@@ -99,6 +101,7 @@ __all__ = [
     "SpatialPrediction",
     "SpatialReplay",
     "SpatialStepper",
+    "SpatialSurface",
     "SpatialTrace",
     "SpatialTrial",
     "Stepper",

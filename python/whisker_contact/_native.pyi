@@ -29,6 +29,7 @@ __all__ = [
     "SpatialEstimator",
     "SpatialPrediction",
     "SpatialReplay",
+    "SpatialSurface",
     "SpatialTrace",
     "SpatialTrial",
     "Trace",
@@ -637,6 +638,33 @@ class SpatialReplay:
     def table(self) -> _Table: ...
     def __len__(self) -> int: ...
     def __getitem__(self, row: int, /) -> SpatialEstimate | None: ...
+
+@final
+class SpatialSurface:
+    def __new__(cls, length_m: float) -> SpatialSurface: ...
+    @staticmethod
+    def fit(
+        points: ArrayLike,
+        normals: ArrayLike,
+        sd_m: ArrayLike,
+        normal_sd_rad: ArrayLike,
+        touch: Sequence[int] | NDArray[np.integer[Any]],
+    ) -> SpatialSurface: ...
+    def add(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        sd_m: ArrayLike,
+        normal_sd_rad: ArrayLike,
+        touch: Sequence[int] | NDArray[np.integer[Any]],
+    ) -> None: ...
+    @property
+    def length_m(self) -> float: ...
+    @property
+    def log_evidence(self) -> float: ...
+    def level(self, points: ArrayLike) -> tuple[_Floats, _Floats]: ...
+    def project(self, points: ArrayLike) -> tuple[_Floats, _Floats, _Floats]: ...
+    def __len__(self) -> int: ...
 
 @final
 class SpatialTrial:

@@ -130,12 +130,14 @@ impl Kind for Spatial {
         reading_n_m: Vector2<f64>,
         estimates: &mut Vec<Option<space::estimators::Estimate>>,
     ) {
-        estimates.push(self.estimator.step(&self.steps.sample(t_s, base, reading_n_m)));
+        self.estimator.push(&self.steps.sample(t_s, base, reading_n_m), estimates);
     }
 
-    fn end(&mut self, _: &mut Vec<Option<space::estimators::Estimate>>) {}
+    fn end(&mut self, estimates: &mut Vec<Option<space::estimators::Estimate>>) {
+        self.estimator.end(estimates);
+    }
 
     fn is_following(&self) -> bool {
-        false
+        self.estimator.is_following()
     }
 }

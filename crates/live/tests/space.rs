@@ -87,7 +87,10 @@ impl Sweep {
         let mut estimator = row.build(&row.defaults(), TouchConfig::default(), &self.knowledge).unwrap();
         let mut steps = SpatialSteps::default();
         let rows = self.recording.instants.iter().zip(&self.readings_n_m);
-        rows.map(|(now, reading_n_m)| estimator.step(&steps.sample(now.t_s, &now.base, *reading_n_m))).collect()
+        let sample =
+            |(now, reading_n_m): (&SpatialInstant, &Vector2<f64>)| steps.sample(now.t_s, &now.base, *reading_n_m);
+        let samples: Vec<_> = rows.map(sample).collect();
+        estimator.run(&samples)
     }
 
     fn live(&self, row: &'static SpatialEstimatorRow) -> LiveEstimator<SpatialPoses, Spatial> {

@@ -22,11 +22,12 @@ use crate::error::{raised, refused};
 use crate::interrupt;
 use crate::sampling::Sampling;
 
-/// Registered estimators in space: `name`, `about` and default `settings`.
+/// Registered estimators in space: `name`, `about`, `class` and default `settings`.
 #[pyfunction]
 pub(crate) fn spatial_estimators(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
-    let rows =
-        SPATIAL_ESTIMATORS.iter().map(|row| json!({"name": row.name, "about": row.about, "settings": row.defaults()}));
+    let rows = SPATIAL_ESTIMATORS
+        .iter()
+        .map(|row| json!({"name": row.name, "about": row.about, "class": row.class, "settings": row.defaults()}));
     from_json(py, &rows.collect::<Vec<Value>>())
 }
 
@@ -35,6 +36,7 @@ pub(crate) fn spatial_estimators(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
 /// `name` is one of `spatial_estimators()`, `noise_sd_n_m` the standard deviation of the measurement noise of each bending moment
 /// (N m), `rate_hz` the sampling rate, and `settings` a dictionary over the estimator's defaults. With a calibration through a
 /// front end, readings are those of its sensor, as in `SpatialTrial.readings_n_m`, and `noise_sd_n_m` includes the sensor's noise.
+/// Methods of the class `hindsight` revise their estimates in `replay` only.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct SpatialEstimator {
     row: &'static SpatialEstimatorRow,
@@ -73,9 +75,10 @@ pub(super) fn replayed(
 ) -> PyResult<Vec<Option<estimators::Estimate>>> {
     let mut estimates = Vec::with_capacity(samples.len());
     interrupt::each(py, samples.len(), |row| {
-        estimates.push(estimator.step(&samples[row]));
+        estimator.push(&samples[row], &mut estimates);
         Ok(())
     })?;
+    estimator.end(&mut estimates);
     Ok(estimates)
 }
 

@@ -6,6 +6,7 @@ mod pose;
 mod replay;
 mod returned;
 mod rod;
+mod surface;
 mod trace;
 mod trial;
 
@@ -15,5 +16,6 @@ pub(crate) use calibration::{
 pub(crate) use estimator::{SpatialEstimate, SpatialEstimator, spatial_estimators};
 pub(crate) use replay::SpatialReplay;
 pub(crate) use rod::{Rod, SpatialContacts};
+pub(crate) use surface::SpatialSurface;
 pub(crate) use trace::SpatialTrace;
 pub(crate) use trial::{SpatialTrial, spatial_cramer_rao_bound};

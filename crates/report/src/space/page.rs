@@ -4,6 +4,7 @@ use anyhow::Result;
 use maud::{Markup, html};
 use serde_json::json;
 use testbed::space::evaluate::SpatialSummaryRow;
+use whisker::space::estimators::{MethodClass, spatial_estimator};
 
 use super::Data;
 use super::replay;
@@ -27,9 +28,9 @@ impl Column {
         (self.value)(row).map(|value| format!("{value:.*}", self.decimals))
     }
 
-    /// The smallest value of the rows that answer wherever an estimate is expected, as printed. `None` if all rows print the same.
+    /// The smallest value of the rows that are compared, as printed. `None` if all rows print the same.
     fn best(&self, rows: &[&SpatialSummaryRow]) -> Option<String> {
-        let ranked = rows.iter().filter(|row| self.is_ranked && row.answered == Some(1.0));
+        let ranked = rows.iter().filter(|row| self.is_ranked && is_compared(row));
         let values = ranked.filter_map(|row| Some(((self.value)(row)?, self.printed(row)?)));
         let (_, best) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
         rows.iter().any(|row| self.printed(row).as_ref() != Some(&best)).then_some(best)
@@ -185,7 +186,8 @@ pub(crate) fn html(data: &Data, figures: &Figures) -> Result<String> {
 fn summary(data: &Data) -> Markup {
     html! {
         p {
-            "The best value of each block and column is " b.best { "marked" } " among the estimators that answer wherever an estimate is expected. "
+            "The best value of each block and column is " b.best { "marked" } " among the causal estimators that have an estimate wherever one is expected. Hindsight methods (†) use all readings of a "
+            "touch; the bounds do not apply to them. "
             "As data: "
             @for file in ["space_summary.csv", "space_trials.csv", "space_maps.csv"] { a href=(file) { (file) } " " }
         }
@@ -216,6 +218,16 @@ fn summary(data: &Data) -> Markup {
     }
 }
 
+/// Whether an estimator is compared with the others: it is causal, and has an estimate wherever one is expected.
+fn is_compared(row: &SpatialSummaryRow) -> bool {
+    row.answered == Some(1.0) && !looks_back(&row.estimator)
+}
+
+/// Whether an estimator is a hindsight method.
+fn looks_back(estimator: &str) -> bool {
+    spatial_estimator(estimator).is_some_and(|row| row.class == MethodClass::Hindsight)
+}
+
 /// The rows of one group and whisker.
 fn block(rows: &[&SpatialSummaryRow]) -> Markup {
     let best: Vec<Option<String>> = COLUMNS.iter().map(|column| column.best(rows)).collect();
@@ -224,11 +236,11 @@ fn block(rows: &[&SpatialSummaryRow]) -> Markup {
             tr {
                 td { (plain(&row.group)) }
                 td { (row.whisker) }
-                td { (row.estimator) }
+                td { (row.estimator) @if looks_back(&row.estimator) { " †" } }
                 @for (column, best) in COLUMNS.iter().zip(&best) {
                     td.number {
                         @match column.printed(row) {
-                            Some(text) if row.answered == Some(1.0) && Some(&text) == best.as_ref() => b.best { (text) },
+                            Some(text) if is_compared(row) && Some(&text) == best.as_ref() => b.best { (text) },
                             Some(text) => (text),
                             None => "–",
                         }

@@ -62,6 +62,9 @@ pub struct SpatialEstimateRow {
     pub normal_y: Option<f64>,
     /// Estimated normal, z.
     pub normal_z: Option<f64>,
+    /// Standard deviation of the estimated normal: root mean square of those about two axes across it. `None`
+    /// if the estimator does not state it.
+    pub normal_sd_rad: Option<f64>,
     /// Estimated direction of the edge or rod, x.
     pub direction_x: Option<f64>,
     /// Estimated direction, y.
@@ -181,6 +184,9 @@ pub fn spatial_estimate_row(
         normal_x: normal.map(|of| of.x),
         normal_y: normal.map(|of| of.y),
         normal_z: normal.map(|of| of.z),
+        normal_sd_rad: estimate
+            .map(|estimate| (0.5 * estimate.normal_covariance.trace()).sqrt())
+            .filter(|sd| *sd > 0.0),
         direction_x: along.map(|of| of.x),
         direction_y: along.map(|of| of.y),
         direction_z: along.map(|of| of.z),

@@ -21,9 +21,11 @@ run_files! {
     ESTIMATES = "space_estimates/<trace>.<estimator>.csv", TraceAndEstimator, Evaluate, table!(SpatialEstimateRow, "estimates in space"),
         "one row per kept instant, at the first seed";
     MAP_SCORES = "space_maps.csv", Run, Evaluate, table!(SpatialMapRow, "maps in space"),
-        "one row per solid and estimator: number and distance of the points from the true solid, and number of objects";
+        "one row per solid and estimator: number of points, area of the surface, distance of each from the true solid, and number of objects";
     MAP_POINTS = "space_maps/<traces>.<estimator>.ply", SolidAndEstimator, Evaluate, None,
         "points of the touched surface of a solid";
+    MAP_SURFACE = "space_maps/<traces>.<estimator>.surface.ply", SolidAndEstimator, Evaluate, None,
+        "triangle mesh of that surface with its uncertainty";
     MAP_SCENE = "space_maps/<traces>.<estimator>.glb", SolidAndEstimator, Evaluate, None,
         "the same as a scene";
     MAP_VOXELS = "space_maps/<traces>.<estimator>.voxels.csv", SolidAndEstimator, Evaluate, table!(VoxelRow, "occupancy grid in space", or_none),

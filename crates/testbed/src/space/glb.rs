@@ -3,15 +3,19 @@
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
+use whisker::space::surface::ProjectedPoint;
 
 use super::map::{SpatialMap, SurfacePoint, colour};
+use super::surface::{SurfaceMesh, Vertex};
 
 /// Type of the components of an accessor, by the numbers of OpenGL.
 const UNSIGNED_BYTE: u32 = 5121;
+const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
 
-/// Primitives without edges.
+/// Kinds of primitives.
 const POINTS: u32 = 0;
+const TRIANGLES: u32 = 4;
 
 /// Rotation of World, whose z axis points upwards, to glTF, whose y axis does: x, y, z and scalar part of a unit quaternion.
 const UPRIGHT: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
@@ -37,10 +41,54 @@ impl Buffer {
     }
 }
 
+/// Attributes of a point or vertex.
+struct PointAttributes {
+    at: Vector3<f64>,
+    normal: Vector3<f64>,
+    sd_m: f64,
+    object: usize,
+}
+
+impl Buffer {
+    /// Adds a scalar attribute in single precision. Returns the index of its accessor.
+    fn add_scalars(&mut self, values: impl ExactSizeIterator<Item = f64>) -> usize {
+        let accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "SCALAR"});
+        self.add(values.flat_map(|value| (value as f32).to_le_bytes()), accessor)
+    }
+
+    /// Adds the attributes of spots, with coordinates relative to `middle`.
+    fn add_spots(&mut self, spots: &[PointAttributes], middle: Vector3<f64>) -> Value {
+        let places: Vec<[f32; 3]> = spots.iter().map(|spot| (spot.at - middle).map(|m| m as f32).into()).collect();
+        let extreme = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
+            std::array::from_fn(|axis| places.iter().map(|place| place[axis]).reduce(pick).unwrap_or_default())
+        };
+        let vectors = |kind: &str| json!({"componentType": FLOAT, "count": spots.len(), "type": kind});
+        let mut position = vectors("VEC3");
+        (position["min"], position["max"]) = (json!(extreme(f32::min)), json!(extreme(f32::max)));
+        let normals: Vec<[f32; 3]> = spots.iter().map(|spot| spot.normal.map(|n| n as f32).into()).collect();
+        let bytes = |values: &[[f32; 3]]| {
+            values.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>()
+        };
+        let colours = spots.iter().flat_map(|spot| {
+            let [red, green, blue] = colour(spot.sd_m);
+            [red, green, blue, u8::MAX]
+        });
+        let coloured =
+            json!({"componentType": UNSIGNED_BYTE, "normalized": true, "count": spots.len(), "type": "VEC4"});
+        json!({
+            "POSITION": self.add(bytes(&places).into_iter(), position),
+            "NORMAL": self.add(bytes(&normals).into_iter(), vectors("VEC3")),
+            "COLOR_0": self.add(colours, coloured),
+            "_SD_M": self.add_scalars(spots.iter().map(|spot| spot.sd_m)),
+            "_OBJECT": self.add_scalars(spots.iter().map(|spot| spot.object as f64)),
+        })
+    }
+}
+
 impl SpatialMap {
-    /// The points in the format GLB: coordinates (m) relative to their mean, which is the position of the node, normal, colour by the
-    /// standard deviation as in [`SpatialMap::to_ply`], and the attributes `_SD_M` (m), `_ESTIMATES` and `_OBJECT`. A map without
-    /// points is a scene without a mesh.
+    /// The points and the triangles of the surface in the format GLB: coordinates (m) relative to the mean of the points, which is
+    /// the position of the node, normal, colour by the standard deviation as in [`SpatialMap::to_ply`], and the attributes `_SD_M`
+    /// (m), `_OBJECT` and, for points, `_ESTIMATES`. A map without points is a scene without a mesh.
     pub fn to_glb(&self) -> Vec<u8> {
         let count = self.points.len();
         let mut document = json!({
@@ -52,39 +100,33 @@ impl SpatialMap {
         if count > 0 {
             // Single precision suffices for coordinates relative to the mean.
             let middle = self.points.iter().map(|point| point.at).sum::<Vector3<f64>>() / count as f64;
-            let places: Vec<[f32; 3]> =
-                self.points.iter().map(|point| (point.at - middle).map(|m| m as f32).into()).collect();
-            let extreme = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
-                std::array::from_fn(|axis| places.iter().map(|place| place[axis]).reduce(pick).unwrap_or_default())
+            let spot = |point: &SurfacePoint| {
+                let SurfacePoint { at, normal, object, .. } = *point;
+                PointAttributes { at, normal, sd_m: point.sd_m(), object }
             };
-            let vectors = |kind: &str| json!({"componentType": FLOAT, "count": count, "type": kind});
-            let mut position = vectors("VEC3");
-            (position["min"], position["max"]) = (json!(extreme(f32::min)), json!(extreme(f32::max)));
-            let numbers = |of: fn(&SurfacePoint) -> f64| self.points.iter().map(move |point| of(point) as f32);
-            let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-            let normals: Vec<f32> =
-                self.points.iter().flat_map(|point| point.normal.map(|n| n as f32).data.0[0]).collect();
-            let colours = self.points.iter().flat_map(|point| {
-                let [red, green, blue] = colour(point.sd_m());
-                [red, green, blue, u8::MAX]
-            });
-            let coloured = json!({"componentType": UNSIGNED_BYTE, "normalized": true, "count": count, "type": "VEC4"});
-            let deviations: Vec<f32> = numbers(SurfacePoint::sd_m).collect();
-            let estimates = self.points.iter().flat_map(|point| (point.estimates as f32).to_le_bytes());
-            let objects = self.points.iter().flat_map(|point| (point.object as f32).to_le_bytes());
-            let attributes = json!({
-                "POSITION": buffer.add(bytes(places.as_flattened()).into_iter(), position),
-                "NORMAL": buffer.add(bytes(&normals).into_iter(), vectors("VEC3")),
-                "COLOR_0": buffer.add(colours, coloured),
-                "_SD_M": buffer.add(bytes(&deviations).into_iter(), vectors("SCALAR")),
-                "_ESTIMATES": buffer.add(estimates, vectors("SCALAR")),
-                "_OBJECT": buffer.add(objects, vectors("SCALAR")),
-            });
+            let spots: Vec<PointAttributes> = self.points.iter().map(spot).collect();
+            let mut attributes = buffer.add_spots(&spots, middle);
+            attributes["_ESTIMATES"] =
+                json!(buffer.add_scalars(self.points.iter().map(|point| point.estimates as f64)));
+            let mut primitives = vec![json!({"mode": POINTS, "attributes": attributes})];
+            let SurfaceMesh { vertices, triangles } = &self.surface;
+            if !triangles.is_empty() {
+                let spot = |vertex: &Vertex| {
+                    let Vertex { on: ProjectedPoint { at, normal, sd_m }, object } = *vertex;
+                    PointAttributes { at: at.vector(), normal, sd_m, object }
+                };
+                let spots: Vec<PointAttributes> = vertices.iter().map(spot).collect();
+                let attributes = buffer.add_spots(&spots, middle);
+                let corners = triangles.as_flattened();
+                let accessor = json!({"componentType": UNSIGNED_INT, "count": corners.len(), "type": "SCALAR"});
+                let indices = buffer.add(corners.iter().flat_map(|corner| corner.to_le_bytes()), accessor);
+                primitives.push(json!({"mode": TRIANGLES, "attributes": attributes, "indices": indices}));
+            }
             let turned = Vector3::new(middle.x, middle.z, -middle.y);
             document["scenes"][0]["nodes"] = json!([0]);
             document["nodes"] =
                 json!([{"mesh": 0, "rotation": UPRIGHT, "translation": [turned.x, turned.y, turned.z]}]);
-            document["meshes"] = json!([{"primitives": [{"mode": POINTS, "attributes": attributes}]}]);
+            document["meshes"] = json!([{"primitives": primitives}]);
             document["buffers"] = json!([{"byteLength": buffer.bytes.len()}]);
             document["bufferViews"] = json!(buffer.views);
             document["accessors"] = json!(buffer.accessors);
@@ -116,6 +158,7 @@ fn container(document: Vec<u8>, buffer: Vec<u8>) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use nalgebra::Matrix3;
+    use whisker::space::frames::Point;
 
     use super::*;
 
@@ -146,15 +189,24 @@ mod tests {
     #[test]
     fn verif_a_map_is_written_as_glb() {
         let points = vec![point([1.0, 2.0, 3.0], 1e-5), point([1.002, 2.0, 3.004], 1e-3)];
-        let (document, buffer) = parts(&SpatialMap { points, ..SpatialMap::default() }.to_glb());
-        let primitive = &document["meshes"][0]["primitives"][0];
-        let of = |name: &str| {
-            let accessor = &document["accessors"][primitive["attributes"][name].as_u64().unwrap() as usize];
-            assert_eq!(accessor["count"], 2);
+        let vertex = |z_m: f64| Vertex {
+            on: ProjectedPoint { at: Point::new(1.001, 2.0, z_m), normal: Vector3::y(), sd_m: 1e-4 },
+            object: 0,
+        };
+        let surface = SurfaceMesh { vertices: [3.0, 3.002, 3.004].map(vertex).to_vec(), triangles: vec![[0, 2, 1]] };
+        let (document, buffer) = parts(&SpatialMap { points, surface, ..SpatialMap::default() }.to_glb());
+        let primitives = &document["meshes"][0]["primitives"];
+        let bytes = |accessor: &Value, count: usize| {
+            let accessor = &document["accessors"][accessor.as_u64().unwrap() as usize];
+            assert_eq!(accessor["count"], count);
             let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
             let start = view["byteOffset"].as_u64().unwrap() as usize;
             buffer[start..start + view["byteLength"].as_u64().unwrap() as usize].to_vec()
         };
+        let of = |name: &str| bytes(&primitives[0]["attributes"][name], 2);
+        assert_eq!((&primitives[0]["mode"], &primitives[1]["mode"]), (&json!(POINTS), &json!(TRIANGLES)));
+        assert_eq!(bytes(&primitives[1]["indices"], 3), [0, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+        assert_eq!(bytes(&primitives[1]["attributes"]["COLOR_0"], 3)[..4], [33, 145, 140, 255]);
         let floats = |name: &str| -> Vec<f32> {
             of(name).chunks(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect()
         };

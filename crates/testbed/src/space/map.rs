@@ -4,12 +4,14 @@
 //! covariance of a merged point is therefore that of its most certain estimate, not that of a mean of independent ones.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
+use whisker::space::frames::Point;
+use whisker::space::surface::OrientedPoint;
 
 pub use super::rows::{Occupancy, VoxelRow};
 use super::solid::Solid;
+use super::surface::SurfaceMesh;
 use super::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire};
 
 /// Edge of the cells in which points are merged.
@@ -76,6 +78,8 @@ pub struct SpatialMap {
     pub left_out: usize,
     /// Voxels that were observed, in order.
     pub voxels: Vec<VoxelRow>,
+    /// The surfaces of the objects, from the estimates that were not left out and state the uncertainty of their normal.
+    pub surface: SurfaceMesh,
 }
 
 /// Index of a cell or voxel.
@@ -94,11 +98,17 @@ impl SpatialMap {
         let mut cells: BTreeMap<Index, Merged> = BTreeMap::new();
         let mut voxels: BTreeMap<Index, Occupancy> = BTreeMap::new();
         let mut left_out = 0;
+        let mut contacts: Vec<OrientedPoint> = Vec::new();
+        let mut touch = 0;
         for sweep in sweeps {
+            touch += 1;
             for row in sweep.rows {
+                // Estimates between two instants without one are those of one touch.
+                touch += usize::from(row.contact_m().is_none());
                 match surface_of(row) {
                     Some((at, normal, covariance_m2)) => {
                         cells.entry(index(at, CELL_M)).or_default().add(at, normal, covariance_m2);
+                        contacts.extend(oriented(row, at, normal, &covariance_m2, touch));
                     }
                     None => left_out += usize::from(row.contact_m().is_some()),
                 }
@@ -107,11 +117,20 @@ impl SpatialMap {
         }
         let mut points: Vec<SurfacePoint> = cells.values().map(Merged::point).collect();
         tell_apart(&mut points);
+        let object_of: BTreeMap<Index, usize> =
+            cells.into_keys().zip(&points).map(|(cell, point)| (cell, point.object)).collect();
+        let mut objects: Vec<Vec<OrientedPoint>> = Vec::new();
+        for contact in contacts {
+            let object = object_of[&index(contact.at.vector(), CELL_M)];
+            objects.resize(objects.len().max(object + 1), Vec::new());
+            objects[object].push(contact);
+        }
         voxels.extend(points.iter().map(|point| (index(point.at, VOXEL_M), Occupancy::Occupied)));
         let center = |at: i64| VOXEL_M * (at as f64 + 0.5);
         let row =
             |([x, y, z], state): (Index, Occupancy)| VoxelRow { x_m: center(x), y_m: center(y), z_m: center(z), state };
-        Ok(Self { points, left_out, voxels: voxels.into_iter().map(row).collect() })
+        let (voxels, surface) = (voxels.into_iter().map(row).collect(), SurfaceMesh::new(&objects));
+        Ok(Self { points, left_out, voxels, surface })
     }
 
     /// Number of objects.
@@ -124,40 +143,6 @@ impl SpatialMap {
         let mut distances: Vec<f64> = self.points.iter().map(|point| solid.distance_m(point.at)).collect();
         distances.sort_by(f64::total_cmp);
         distances
-    }
-
-    /// The points in the format PLY (ASCII): coordinates (m), normal, colour by the standard deviation (10 um blue to 1 mm yellow,
-    /// logarithmic), standard deviation (m), number of estimates and index of the object.
-    pub fn to_ply(&self) -> String {
-        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", self.points.len());
-        for (kind, names) in [
-            ("double", &["x", "y", "z"][..]),
-            ("float", &["nx", "ny", "nz"]),
-            ("uchar", &["red", "green", "blue"]),
-            ("float", &["sd_m"]),
-            ("uint", &["estimates", "object"]),
-        ] {
-            text.extend(names.iter().map(|name| format!("property {kind} {name}\n")));
-        }
-        text.push_str("end_header\n");
-        for point in &self.points {
-            let (at, normal, [red, green, blue]) = (point.at, point.normal, colour(point.sd_m()));
-            writeln!(
-                text,
-                "{:.9} {:.9} {:.9} {:.6} {:.6} {:.6} {red} {green} {blue} {:.3e} {} {}",
-                at.x,
-                at.y,
-                at.z,
-                normal.x,
-                normal.y,
-                normal.z,
-                point.sd_m(),
-                point.estimates,
-                point.object
-            )
-            .expect("text grows");
-        }
-        text
     }
 }
 
@@ -256,11 +241,24 @@ fn surface_of(row: &SpatialEstimateRow) -> Option<(Vector3<f64>, Vector3<f64>, M
     (row.calibrated == Some(true) && covariance_m2.trace().sqrt() <= MOST_SD_M).then_some((at, normal, covariance_m2))
 }
 
+/// The point of an estimate for the surface. `None` if it does not state how certain its normal is.
+fn oriented(
+    row: &SpatialEstimateRow,
+    at: Vector3<f64>,
+    normal: Vector3<f64>,
+    covariance_m2: &Matrix3<f64>,
+    touch: usize,
+) -> Option<OrientedPoint> {
+    let sd_m = normal.dot(&(covariance_m2 * normal)).max(0.0).sqrt();
+    Some(OrientedPoint { at: Point::from_vector(at), normal, sd_m, normal_sd_rad: row.normal_sd_rad?, touch })
+}
+
 #[cfg(test)]
 mod tests {
     use trace::StatedSuspension;
     use whisker::Whisker;
 
+    use super::super::surface::Vertex;
     use super::*;
 
     fn whisker() -> SpatialRunWhisker {
@@ -290,6 +288,7 @@ mod tests {
             normal_x: known(0.0),
             normal_y: known(1.0),
             normal_z: known(0.0),
+            normal_sd_rad: known(5e-3),
             calibrated: contact.map(|_| true),
             ..SpatialEstimateRow::default()
         }
@@ -336,14 +335,32 @@ mod tests {
     }
 
     #[test]
-    fn verif_a_map_is_written_as_ply_with_colours_of_its_uncertainty() {
-        let text = map(&[row(Some([0.06, -0.005, 0.0]), 1e-5), row(Some([0.05, 0.02, 0.0]), 1e-3)]).to_ply();
-        assert!(text.starts_with("ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\n"), "{text}");
-        let rows: Vec<&str> = text.lines().skip_while(|line| *line != "end_header").skip(1).collect();
-        assert!(rows.len() == 2 && rows.iter().all(|row| row.split(' ').count() == 12));
-        assert!(
-            rows.iter().any(|row| row.contains(" 68 1 84 ")) && rows.iter().any(|row| row.contains(" 253 231 37 "))
-        );
+    fn verif_each_object_has_a_surface_through_its_contacts() {
+        // Two strokes along x, and one over another object, all facing along y.
+        let stroke = |y_m: f64, z_m: f64| (0..40).map(move |i| row(Some([0.05 + 3e-4 * f64::from(i), y_m, z_m]), 1e-5));
+        let free = || std::iter::once(row(None, 0.0));
+        let rows: Vec<SpatialEstimateRow> =
+            stroke(0.0, 0.0).chain(free()).chain(stroke(0.0, 3e-3)).chain(free()).chain(stroke(0.03, 0.0)).collect();
+        let found = map(&rows);
+        assert_eq!(found.objects(), 2);
+        let vertices = &found.surface.vertices;
+        for (object, y_m) in [(0, 0.0), (1, 0.03)] {
+            let of_object: Vec<_> = vertices.iter().filter(|vertex| vertex.object == object).collect();
+            assert!(of_object.len() > 20, "{object}: {}", of_object.len());
+            assert!(of_object.iter().all(|vertex| (vertex.on.at.vector().y - y_m).abs() < 50e-6));
+        }
+        let between = |vertex: &&Vertex| {
+            let at = vertex.on.at.vector();
+            (0.051..0.061).contains(&at.x) && (1e-3..2e-3).contains(&at.z)
+        };
+        assert!(vertices.iter().filter(between).all(|vertex| vertex.on.sd_m < 50e-6), "enclosed by strokes");
+        let orientation = [1.0, 0.0, 0.0, 0.0];
+        let flat = Solid::Box { size_m: [0.1, 0.1, 0.1], center_m: [0.05, -0.05, 0.0], orientation };
+        let score = map(&rows[..81]).surface.score(&flat);
+        assert!(score.mean_m.unwrap() < 20e-6 && score.coverage == Some(1.0), "{score:?}");
+        let unstated: Vec<_> =
+            rows.iter().map(|row| SpatialEstimateRow { normal_sd_rad: None, ..row.clone() }).collect();
+        assert!(map(&unstated).surface.vertices.is_empty(), "without certainty of the normals there is no surface");
     }
 
     #[test]

@@ -16,12 +16,16 @@ pub mod mount;
 pub mod object;
 #[cfg(feature = "evaluation")]
 mod participant;
+#[cfg(feature = "evaluation")]
+mod ply;
 mod readings;
 pub mod replay;
 pub mod rows;
 #[cfg(feature = "evaluation")]
 mod run;
 pub mod solid;
+#[cfg(feature = "evaluation")]
+pub mod surface;
 pub mod trial;
 #[cfg(feature = "evaluation")]
 mod wire;

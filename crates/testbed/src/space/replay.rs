@@ -127,7 +127,7 @@ impl SpatialSteps {
 pub struct SpatialReplay {
     /// One entry per sample; `None` while the estimator has no contact.
     pub estimates: Vec<Option<Estimate>>,
-    /// Wall-clock time of each step with an estimate (us).
+    /// Wall-clock time of each step with an estimate or a revision, and of a revision at the end of the recording (us).
     pub steps_us: Vec<f64>,
     /// Reason why an external program failed; there are no estimates after it.
     pub failure: Option<String>,
@@ -148,12 +148,17 @@ pub fn replay(
     let mut steps_us = Vec::new();
     let mut estimates = Vec::with_capacity(samples.len());
     for sample in samples {
-        let start = Clock::now();
-        let estimate = estimator.step(sample);
-        if estimate.is_some() {
+        let (start, may_revise) = (Clock::now(), estimator.is_following());
+        estimator.push(sample, &mut estimates);
+        let has_revised = may_revise && !estimator.is_following();
+        if has_revised || estimates.last().is_some_and(Option::is_some) {
             steps_us.push(1e6 * start.elapsed().as_secs_f64());
         }
-        estimates.push(estimate);
+    }
+    let (start, may_revise) = (Clock::now(), estimator.is_following());
+    estimator.end(&mut estimates);
+    if may_revise {
+        steps_us.push(1e6 * start.elapsed().as_secs_f64());
     }
     Ok(SpatialReplay { estimates, steps_us, failure: None })
 }

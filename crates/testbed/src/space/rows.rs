@@ -153,6 +153,13 @@ pub struct SpatialMapRow {
     pub mean_m: Option<f64>,
     /// 95th percentile of that distance.
     pub p95_m: Option<f64>,
+    /// Area of the surface.
+    pub surface_m2: f64,
+    /// Mean distance of its vertices with a standard deviation of at most 0.1 mm from the true solid, not aligned. `None` if the
+    /// true solid is a mesh, or without such vertices.
+    pub surface_mean_m: Option<f64>,
+    /// Share of these vertices whose distance is at most 1.96 standard deviations.
+    pub surface_coverage: Option<f64>,
 }
 
 /// State of a voxel.

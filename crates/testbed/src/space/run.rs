@@ -17,7 +17,8 @@ use super::evaluate::{
     evaluate_keeping,
 };
 use super::files::{
-    ESTIMATES, FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES, TRIALS,
+    ESTIMATES, FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY,
+    TIMES, TRIALS,
 };
 use super::map::{SpatialMap, Sweep};
 use super::participant::described;
@@ -248,9 +249,12 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
             let traces = joined(trials);
             let path = |file: RunFile| file.path_of(folder, &[&traces, estimator]);
             write_atomically(&path(MAP_POINTS), map.to_ply().as_bytes())?;
+            write_atomically(&path(MAP_SURFACE), map.surface.to_ply().as_bytes())?;
             write_atomically(&path(MAP_SCENE), &map.to_glb())?;
             write_atomically(&path(MAP_VOXELS), &csv_bytes(&map.voxels)?)?;
-            let distances = Solid::of_scene(solid).map(|solid| map.distances_m(&solid)).unwrap_or_default();
+            let solid = Solid::of_scene(solid);
+            let distances = solid.as_ref().map(|solid| map.distances_m(solid)).unwrap_or_default();
+            let surface = solid.map(|solid| map.surface.score(&solid));
             Ok(SpatialMapRow {
                 traces,
                 estimator: (*estimator).clone(),
@@ -259,6 +263,9 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
                 objects: map.objects(),
                 mean_m: statistics::mean(distances.iter().copied()),
                 p95_m: statistics::quantile_of_sorted(&distances, 0.95),
+                surface_m2: map.surface.area_m2(),
+                surface_mean_m: surface.and_then(|score| score.mean_m),
+                surface_coverage: surface.and_then(|score| score.coverage),
             })
         })
         .collect();

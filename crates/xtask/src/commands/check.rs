@@ -1,6 +1,8 @@
 //! Format, lints and documentation of Rust and Python.
 
-use crate::failure::Outcome;
+use std::thread;
+
+use crate::failure::{Failure, Outcome};
 use crate::parts::{self, Part};
 use crate::python::{self, Requirements};
 use crate::tools::{cargo, python as python_command, run as run_command};
@@ -9,7 +11,7 @@ use crate::tools::{cargo, python as python_command, run as run_command};
 pub(super) const PARTS: &[Part] = &[
     Part { name: "rust format", run: || run_command(cargo(&["fmt", "--all", "--check"])) },
     Part { name: "rust format of the fuzz targets", run: || run_command(cargo(&["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])) },
-    Part { name: "rust lints", run: rust_lints },
+    Part { name: "rust lints, python packages", run: rust_lints_and_python_packages },
     Part { name: "rust documentation", run: rust_documentation },
     Part { name: "python format", run: || ruff(&["format", "--check"]) },
     Part { name: "python lints", run: || ruff(&["check"]) },
@@ -18,6 +20,17 @@ pub(super) const PARTS: &[Part] = &[
 
 pub(crate) fn run() -> Outcome {
     parts::run_all(PARTS)
+}
+
+/// Installs the Python packages while the Rust lints run, because the installation mostly waits for the network and the disk.
+fn rust_lints_and_python_packages() -> Outcome {
+    thread::scope(|scope| {
+        let packages = scope.spawn(|| python::install(Requirements::Development));
+        let lints = rust_lints();
+        let packages =
+            packages.join().unwrap_or_else(|_| Err(Failure::new("the installation of the Python packages panicked")));
+        lints.and(packages)
+    })
 }
 
 fn rust_lints() -> Outcome {

@@ -68,6 +68,15 @@ pub(super) trait Tracker: Send {
     /// Forgets the objects of earlier touches. The next sample begins a touch.
     fn forget(&mut self);
 
+    /// Keeps the samples of each touch for [`Tracker::hindsight`]. Default: nothing is kept.
+    fn remember(&mut self) {}
+
+    /// Estimates of every sample since the touch, in their order, from all readings of the touch. Called before each sample without
+    /// a contact, and at the end of the recording; discards the samples. `None` if none have been kept.
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        None
+    }
+
     /// Whether the readings of this touch contradict the object of earlier ones.
     fn is_another(&self) -> bool {
         false

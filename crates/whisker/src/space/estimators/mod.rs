@@ -8,7 +8,7 @@
 //! - a particle filter (`particle.rs`),
 //! - the unscented Kalman filter of Lin et al. 2024 (`paper.rs`),
 //! - a fit (`fit/`) of an object to all readings,
-//! - an average (`model_averaging.rs`) over fits, weighted by their evidence.
+//! - an average (`model_averaging.rs`) over fits, weighted by their evidence; in hindsight, from all readings of a touch.
 //!
 //! Filters, particle filters and fits share the models of the contact's motion (`motion/`): a fixed point, a straight edge or rod
 //! of unknown direction, a sphere, or a surface of two principal curvatures.
@@ -36,7 +36,7 @@ use serde_json::Value;
 use super::frames::{Point, Pose};
 use super::sensor::CalibratedSpace;
 use crate::ReadingGate;
-pub use crate::estimators::{ModelShares, Radius};
+pub use crate::estimators::{MethodClass, ModelShares, Radius};
 use crate::events::{ContactDetector, Sensing, TouchConfig};
 use crate::frames::Base;
 use crate::settings::{SettingsError, parse};
@@ -160,12 +160,27 @@ pub struct Estimator {
     knowledge: Arc<Knowledge>,
     touch: TouchDetector,
     tracker: Option<Box<dyn Tracker>>,
+    /// Whether the method revises the estimates of a touch when it has ended.
+    looks_back: bool,
+    /// For each sample since the touch, whether the method took it: not if its reading was gated. Empty while the whisker is free, and
+    /// for causal methods.
+    taken: Vec<bool>,
+    /// Estimates of the taken samples of a touch that has ended.
+    revised: Option<Vec<Option<Estimate>>>,
 }
 
 impl Estimator {
     /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
-    /// [`ReadingGate`], which counts as missing.
+    /// [`ReadingGate`], which counts as missing. Nothing is revised; see [`Estimator::push`].
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimate = self.advance(sample);
+        self.revised = None;
+        self.taken.clear();
+        estimate
+    }
+
+    /// Takes the next sample.
+    fn advance(&mut self, sample: &Sample) -> Option<Estimate> {
         let knowledge = self.knowledge.clone();
         match &knowledge.calibrated.mounting {
             Some(mounting) => {
@@ -176,14 +191,71 @@ impl Estimator {
         }
     }
 
+    /// Appends the estimate of the next sample in the order of time. At the end of a touch, a hindsight method replaces the last
+    /// estimates, those of the touch, wherever it has one; the innovations of the causal estimates are kept. All samples of a touch
+    /// are passed to this function, and their estimates stay in `estimates` while [`Self::is_following`].
+    pub fn push(&mut self, sample: &Sample, estimates: &mut Vec<Option<Estimate>>) {
+        let estimate = self.advance(sample);
+        self.revise(estimates);
+        estimates.push(estimate);
+    }
+
+    /// Ends the recording. A hindsight method replaces the last estimates, those of the present touch, wherever it has one.
+    pub fn end(&mut self, estimates: &mut [Option<Estimate>]) {
+        self.revised = self.tracker.as_mut().and_then(|tracker| tracker.hindsight());
+        self.revise(estimates);
+        self.taken.clear();
+    }
+
+    /// Estimates of all samples of a recording; see [`Estimator::push`].
+    pub fn run(&mut self, samples: &[Sample]) -> Vec<Option<Estimate>> {
+        let mut estimates = Vec::with_capacity(samples.len());
+        samples.iter().for_each(|sample| self.push(sample, &mut estimates));
+        self.end(&mut estimates);
+        estimates
+    }
+
+    /// Whether a touch is in progress whose estimates will be revised. Always false for causal methods.
+    pub fn is_following(&self) -> bool {
+        !self.taken.is_empty()
+    }
+
+    /// Replaces the estimates of a touch that has ended.
+    fn revise(&mut self, estimates: &mut [Option<Estimate>]) {
+        let Some(revised) = self.revised.take() else { return };
+        let taken = std::mem::take(&mut self.taken);
+        let mounting = self.knowledge.calibrated.mounting.as_ref();
+        let of_taken = estimates.iter_mut().rev().zip(taken.into_iter().rev()).filter(|(_, is_taken)| *is_taken);
+        for ((estimate, _), revised) in of_taken.zip(revised.into_iter().rev()) {
+            let stated = |revised: Estimate| {
+                let revised = mounting.map_or(revised, |mounting| mounted::stated(mounting, &revised));
+                // That of a reading which the estimate did not include.
+                Estimate { innovation: estimate.and_then(|so_far| so_far.innovation), ..revised }
+            };
+            *estimate = revised.map(stated).or(*estimate);
+        }
+    }
+
     /// Takes the next sample of a sensor that is mounted as in its calibration.
     fn step_as_calibrated(&mut self, sample: &Sample) -> Option<Estimate> {
-        let (sample, touches) = self.touch.step(sample)?;
-        if !touches {
-            if let Some(tracker) = &mut self.tracker {
-                tracker.release(&sample);
+        let Some((sample, touches)) = self.touch.step(sample) else {
+            if self.is_following() {
+                self.taken.push(false);
             }
             return None;
+        };
+        if !touches {
+            if let Some(tracker) = &mut self.tracker {
+                self.revised = tracker.hindsight();
+                tracker.release(&sample);
+            }
+            if self.revised.is_none() {
+                self.taken.clear();
+            }
+            return None;
+        }
+        if self.looks_back {
+            self.taken.push(true);
         }
         if self.tracker.is_none() {
             self.tracker = Some(self.method.begin(&self.knowledge));
@@ -235,6 +307,8 @@ enum Kind {
     Fit(fn() -> MotionSettings),
     /// Average of other methods.
     Average,
+    /// The same in hindsight, from all readings of a touch.
+    Hindsight,
 }
 
 impl Kind {
@@ -244,7 +318,7 @@ impl Kind {
             Self::Particles(motion) => serde_json::to_value(particle::Config::new(motion())),
             Self::Paper => serde_json::to_value(paper::Config::default()),
             Self::Fit(motion) => serde_json::to_value(fit::Config::new(motion())),
-            Self::Average => serde_json::to_value(model_averaging::Config::default()),
+            Self::Average | Self::Hindsight => serde_json::to_value(model_averaging::Config::default()),
         };
         defaults.expect("settings serialise")
     }
@@ -255,7 +329,8 @@ impl Kind {
             Self::Particles(_) => Box::new(parse::<particle::Config>(config)?),
             Self::Paper => Box::new(parse::<paper::Config>(config)?),
             Self::Fit(_) => Box::new(parse::<fit::Config>(config)?),
-            Self::Average => Box::new(model_averaging::ModelAveraging::new(parse(config)?)?),
+            Self::Average => Box::new(model_averaging::ModelAveraging::new(parse(config)?, false)?),
+            Self::Hindsight => Box::new(model_averaging::ModelAveraging::new(parse(config)?, true)?),
         })
     }
 }
@@ -266,6 +341,8 @@ pub struct SpatialEstimatorRow {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
+    /// Class of the method.
+    pub class: MethodClass,
     kind: Kind,
 }
 
@@ -274,61 +351,79 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
         about: "average, weighted by evidence, of fits of rods, spheres, surfaces of two curvatures and, on real sensors, points",
+        class: MethodClass::Recursive,
         kind: Kind::Average,
+    },
+    SpatialEstimatorRow {
+        name: "batch-recommended",
+        about: "`recommended` in hindsight: when a touch has ended, its estimates are computed from all readings of the touch",
+        class: MethodClass::Hindsight,
+        kind: Kind::Hindsight,
     },
     SpatialEstimatorRow {
         name: "line",
         about: "iterated extended Kalman filter for a thin rod or an edge of unknown direction, along which the contact slides",
+        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "point",
         about: "iterated extended Kalman filter for a contact at rest in the world",
+        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::resting),
     },
     SpatialEstimatorRow {
         name: "cylinder",
         about: "`line` for round rods of any radius and direction",
+        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere",
         about: "iterated extended Kalman filter for a contact that slides over a sphere of unknown radius",
+        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
         name: "particle",
         about: "particle filter for a thin rod or an edge of unknown direction, along which the contact slides",
+        class: MethodClass::Recursive,
         kind: Kind::Particles(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "paper-ukf-3d",
         about: "unscented Kalman filter of Lin et al. 2024 for a contact at rest, with constant noise and fading memory",
+        class: MethodClass::Published,
         kind: Kind::Paper,
     },
     SpatialEstimatorRow {
         name: "point-fit",
         about: "fit of a contact at rest, held by friction, to all readings",
+        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::resting),
     },
     SpatialEstimatorRow {
         name: "line-fit",
         about: "fit of a thin rod or edge to all readings",
+        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "cylinder-fit",
         about: "fit of a round rod of any radius to all readings",
+        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::fitted_cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere-fit",
         about: "fit of a sphere of any radius to all readings",
+        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
         name: "patch-fit",
         about: "fit of a surface of two principal curvatures to all readings",
+        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::patch),
     },
 ];
@@ -356,6 +451,9 @@ impl SpatialEstimatorRow {
             knowledge: knowledge.clone(),
             touch: TouchDetector::new(touch, knowledge),
             tracker: None,
+            looks_back: self.class == MethodClass::Hindsight,
+            taken: Vec::new(),
+            revised: None,
         })
     }
 }

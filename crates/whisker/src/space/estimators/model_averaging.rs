@@ -142,12 +142,14 @@ pub(super) struct ModelAveraging {
     config: Arc<Config>,
     /// Names in the registry and methods of the candidates.
     methods: Vec<(&'static str, Box<dyn Method>)>,
+    /// Whether the estimates of a touch are revised when it has ended.
+    looks_back: bool,
 }
 
 impl ModelAveraging {
     /// # Errors
     /// [`SettingsError`] if a candidate is unknown or no fit, or its settings are invalid.
-    pub(super) fn new(config: Config) -> Result<Self, SettingsError> {
+    pub(super) fn new(config: Config, looks_back: bool) -> Result<Self, SettingsError> {
         let method = |candidate: &Candidate| {
             let row = spatial_estimator(&candidate.name)
                 .ok_or_else(|| unknown(CANDIDATES, &candidate.name, SPATIAL_ESTIMATORS.iter().map(|row| row.name)))?;
@@ -161,7 +163,7 @@ impl ModelAveraging {
             Ok((row.name, row.kind.method(&with_defaults(&candidate.settings, row.defaults()))?))
         };
         let methods = config.candidates.iter().map(method).collect::<Result<_, _>>()?;
-        Ok(Self { config: Arc::new(config), methods })
+        Ok(Self { config: Arc::new(config), methods, looks_back })
     }
 }
 
@@ -175,6 +177,9 @@ impl Method for ModelAveraging {
             names.push(*name);
             trackers.push(method.begin(knowledge));
             weights.push(candidate.weight);
+        }
+        if self.looks_back {
+            trackers.iter_mut().for_each(|tracker| tracker.remember());
         }
         let total: f64 = weights.iter().sum();
         let first: Vec<f64> = weights.iter().map(|weight| weight / total).collect();
@@ -221,6 +226,12 @@ impl Average {
         let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
+    }
+
+    /// The estimate, with `model_doubtful` also set if the innovations of the mixture are too large.
+    fn doubted(&self, estimate: Estimate) -> Estimate {
+        let model_doubtful = estimate.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
+        Estimate { model_doubtful, ..estimate }
     }
 
     /// Whether another object is touched than before: the readings contradict the earlier one of the candidate that was the most
@@ -312,8 +323,17 @@ impl Tracker for Average {
         let shares = self.trackers.iter().zip(self.shares());
         let fitted: f64 = shares.filter(|(tracker, _)| tracker.is_fitted()).map(|(_, share)| share).sum();
         self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| fitted > FITTED));
-        let model_doubtful = together.model_doubtful.map(|contradicted| contradicted || self.doubtful.is_raised());
-        Some(Estimate { model_doubtful, ..together })
+        Some(self.doubted(together))
+    }
+
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let of_each: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect::<Option<_>>()?;
+        let samples = of_each.iter().map(Vec::len).min()?;
+        let of_sample = |sample: usize| {
+            let estimates: Vec<_> = of_each.iter().map(|estimates| estimates[sample]).collect();
+            self.together(&estimates).map(|together| self.doubted(together))
+        };
+        Some((0..samples).map(of_sample).collect())
     }
 
     fn release(&mut self, sample: &Sample) {

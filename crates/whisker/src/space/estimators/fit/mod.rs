@@ -24,11 +24,13 @@
 //! they do neither for a second, there are estimates, with a covariance that includes the innovations.
 //!
 //! The fit ([`Fitter`]) keeps [`readings`], from which searches ([`search`]) find its modes ([`mode`]). The modes state the present
-//! contact ([`present`]) and the evidence of the model ([`evidence`]).
+//! contact ([`present`]) and the evidence of the model ([`evidence`]). In hindsight, they state the contact at every sample of a touch
+//! ([`memory`]).
 
 mod config;
 mod correlated;
 mod evidence;
+mod memory;
 mod mode;
 mod present;
 mod readings;
@@ -38,6 +40,7 @@ use filters::Gaussian;
 
 pub(super) use self::config::Config;
 use self::evidence::LogEvidence;
+use self::memory::Memory;
 use self::mode::Mode;
 use self::readings::{Mean, Readings};
 use self::search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
@@ -138,6 +141,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     /// Time since the first of the latest rounds in sequence whose readings contradict all modes. `None` if those of the last one
     /// do not.
     contradicted_s: Option<f64>,
+    /// Samples of the present touch. `None` if they are not kept.
+    memory: Option<Memory>,
 }
 
 /// Whether a touch is one of the object that was touched before.
@@ -176,6 +181,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
             contradicted_s: None,
+            memory: None,
         }
     }
 
@@ -353,6 +359,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(most + total.ln() + means as f64)
     }
 
+    /// Whether the readings have contradicted all modes for more than [`DOUBTED_S`].
+    fn is_contradicted(&self) -> bool {
+        self.contradicted_s.is_some_and(|duration_s| duration_s > DOUBTED_S)
+    }
+
     /// Takes the acceleration of the base.
     fn accelerate(&mut self, sample: &Sample) {
         self.unrest.advance(sample, 0.5 * self.side.length_m());
@@ -382,6 +393,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
         self.accelerate(sample);
+        self.keep(sample);
         let is_first = std::mem::replace(&mut self.is_first, false);
         if is_first {
             self.approach();
@@ -407,8 +419,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         }
         let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
         self.contradicted_s = self.contradicted_s.map(|duration_s| duration_s + sample.dt_s);
-        let is_doubtful = self.contradicted_s.is_some_and(|duration_s| duration_s > DOUBTED_S);
-        let estimate = estimate.map(|estimate| Estimate { model_doubtful: Some(is_doubtful), ..estimate });
+        let model_doubtful = Some(self.is_contradicted());
+        let estimate = estimate.map(|estimate| Estimate { model_doubtful, ..estimate });
         let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
         let is_confirmed = self.slipped.mean_nis() < CONFIRMED_NIS || self.elapsed_s - self.before_s > UNDECIDED_S;
         if self.earlier == Earlier::Unconfirmed && is_confirmed {
@@ -419,7 +431,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
                 Earlier::Unconfirmed => Earlier::Contradicted,
                 earlier => earlier,
             };
-            *self = Self { earlier, ..self.anew() };
+            let memory = self.handed_over(self.earlier == Earlier::Unconfirmed);
+            *self = Self { earlier, memory, ..self.anew() };
         }
         estimate
     }
@@ -446,11 +459,20 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     }
 
     fn forget(&mut self) {
-        *self =
-            Self { unrest: self.unrest, ringing: self.ringing, ..Self::new(&self.config, self.model, &self.knowledge) };
+        let memory = self.handed_over(true);
+        let new = Self::new(&self.config, self.model, &self.knowledge);
+        *self = Self { unrest: self.unrest, ringing: self.ringing, memory, ..new };
         if let Some(front) = &mut self.front {
             front.set_unrest(self.unrest);
         }
+    }
+
+    fn remember(&mut self) {
+        self.memory.get_or_insert_default();
+    }
+
+    fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
+        self.revised()
     }
 
     fn is_another(&self) -> bool {

@@ -1,11 +1,13 @@
-//! Estimate at the present sample, whose reading is not yet part of the fit.
+//! Estimate at the present sample, whose reading is not yet part of the fit, and at earlier ones in hindsight.
 
 use filters::{Gaussian, Innovation};
 use nalgebra::{Matrix3, SMatrix, SVector};
 
+use super::memory::KeptSample;
 use super::mode::Mode;
-use super::{Fitter, LOST_S};
+use super::{Earlier, Fitter, LOST_S};
 use crate::doubt::DoubtSettings;
+use crate::space::estimators::follower::Tracker;
 use crate::space::estimators::motion::{Motion, Shape, TILT, TILT_S};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::sensor::Around;
@@ -17,46 +19,98 @@ const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, ni
 /// of a wrong model are not independent. Chosen on random scenes in space that are not reported.
 const EXCESS_POWER: i32 = 3;
 
+/// The beliefs of all modes at a sample.
+struct Mixture<const N: usize> {
+    /// Mean and covariance. `None` if the weights vanish.
+    belief: Option<Gaussian<N>>,
+    /// The belief with the largest weight.
+    likeliest: Gaussian<N>,
+    innovation: Option<Innovation<2>>,
+}
+
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// The estimate of the modes.
     pub(super) fn together(&mut self, sample: &Sample) -> Option<Estimate> {
+        let now = self.visit(sample);
         let mut modes = std::mem::take(&mut self.modes);
-        let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
-            .iter_mut()
-            .filter(|mode| !mode.is_new())
-            .filter_map(|mode| {
-                let (belief, innovation) = self.present(mode, sample)?;
-                Some((belief, innovation, mode.log_weight.exp()))
-            })
-            .filter(|(belief, ..)| belief.is_finite())
-            .collect();
+        let mixture = self.mixture(&mut modes, &now, self.slipped.mean_nis());
         self.modes = modes;
         // After a gap, one failed search is not enough.
-        self.lost_s = if beliefs.is_empty() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
-        if beliefs.is_empty() {
+        self.lost_s = if mixture.is_none() { self.lost_s + sample.dt_s.min(0.25 * LOST_S) } else { 0.0 };
+        let Some(Mixture { belief, likeliest, innovation }) = mixture else {
             // Without a contact there, the object explains no reading.
             self.count(1.0 - 0.5 * self.config.gate_sds.powi(2));
-        }
-        let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
-        for (belief, ..) in &mut beliefs {
-            self.model.align(&mut belief.mean, &likeliest.mean);
-        }
-        let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
+            return None;
+        };
         self.slipped.advance(&SLIPPED, sample.dt_s, innovation);
         if let Some(innovation) = &innovation {
             let share = self.side.new_share(&sample.motion);
             self.count(self.evidence_of(innovation, &likeliest) * share);
         }
-        let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)))?;
-        let mut estimate = self.side.estimate(&belief, innovation)?;
-        self.model.describe(&self.side, &belief, &mut estimate);
+        self.stated(&belief?, innovation)
+    }
+
+    /// The estimates at the samples of this touch by the present modes, which all readings determine. All are `None` if the object is
+    /// not known.
+    pub(super) fn revisited(&self, visits: &[KeptSample]) -> Vec<Option<Estimate>> {
+        let Some(first) = visits.first().filter(|_| self.is_fitted() && self.earlier != Earlier::Unconfirmed) else {
+            return vec![None; visits.len()];
+        };
+        // The contact at the first sample is sought from where a contact at rest would have been.
+        let (axis, motion) = (self.side.axis(), self.base.then(&first.base.inverse()));
+        let at_first = |mode: &Mode<Model::Object, N>| {
+            let near = Around::of(axis, motion.apply(mode.near.contact(axis)));
+            Mode { near, tilt: (0.0, 0.0), ..*mode }
+        };
+        let mut modes: Vec<_> = self.modes.iter().map(at_first).collect();
+        let model_doubtful = Some(self.is_contradicted());
+        let estimate = |visit: &KeptSample| {
+            // The fit includes the readings, so that their mean innovation does not measure its error.
+            let Mixture { belief, innovation, .. } = self.mixture(&mut modes, visit, 0.0)?;
+            Some(Estimate { model_doubtful, ..self.stated(&belief?, innovation)? })
+        };
+        visits.iter().map(estimate).collect()
+    }
+
+    /// The beliefs of the modes at a sample, with the recent mean of the innovations. `None` without a contact on any of their
+    /// objects.
+    fn mixture(&self, modes: &mut [Mode<Model::Object, N>], visit: &KeptSample, recent_nis: f64) -> Option<Mixture<N>> {
+        let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
+            .iter_mut()
+            .filter(|mode| !mode.is_new())
+            .filter_map(|mode| {
+                let (belief, innovation) = self.present(mode, visit, recent_nis)?;
+                Some((belief, innovation, mode.log_weight.exp()))
+            })
+            .filter(|(belief, ..)| belief.is_finite())
+            .collect();
+        let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+        for (belief, ..) in &mut beliefs {
+            self.model.align(&mut belief.mean, &likeliest.mean);
+        }
+        let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
+        let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)));
+        Some(Mixture { belief, likeliest, innovation })
+    }
+
+    /// The estimate of a belief.
+    fn stated(&self, belief: &Gaussian<N>, innovation: Option<Innovation<2>>) -> Option<Estimate> {
+        let mut estimate = self.side.estimate(belief, innovation)?;
+        self.model.describe(&self.side, belief, &mut estimate);
         Some(estimate)
     }
 
-    /// Belief about the present state of a mode, and the innovation of the reading, which the fit does not include yet.
-    fn present(&self, mode: &mut Mode<Model::Object, N>, sample: &Sample) -> Option<(Gaussian<N>, Innovation<2>)> {
+    /// Belief about the state of a mode at a sample, and the innovation of its reading, as of one that the fit does not include. Called
+    /// in the order of time: the contact is sought from that of the previous sample.
+    fn present(
+        &self,
+        mode: &mut Mode<Model::Object, N>,
+        visit: &KeptSample,
+        recent_nis: f64,
+    ) -> Option<(Gaussian<N>, Innovation<2>)> {
         let (side, model) = (&self.side, &self.model);
-        let motion = mode.reference.then(&self.base.inverse());
+        let KeptSample { base, sample, response } = visit;
+        let motion = mode.reference.then(&base.inverse());
         let object = mode.about.object(&motion);
         let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
         let place = found.0;
@@ -77,7 +131,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         by_tilt[TILT] = 1.0;
 
         let contact = (&place, &found.1, &here);
-        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, &self.ringing.response());
+        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, response);
         // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
         let decay = (-sample.dt_s / TILT_S).exp();
         let variance = inertial.sd_rad().powi(2);
@@ -98,7 +152,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
         mode.tilt =
             (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
-        covariance *= further_factor(mode.excess, self.slipped.mean_nis());
+        covariance *= further_factor(mode.excess, recent_nis);
         covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
         Some((Gaussian::new(state + by_tilt * mode.tilt.0, covariance), innovation))
     }

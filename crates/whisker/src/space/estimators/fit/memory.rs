@@ -1,0 +1,82 @@
+//! Samples of a touch that a fit keeps to revise their estimates when the touch has ended.
+
+use super::Fitter;
+use crate::frames::{Base, Start};
+use crate::space::estimators::follower::Tracker;
+use crate::space::estimators::motion::{Motion, Shape};
+use crate::space::estimators::ringing::Response;
+use crate::space::estimators::{Estimate, Sample};
+use crate::space::frames::Pose;
+
+/// A sample with the pose of the base and the response of the wire to the base's acceleration.
+#[derive(Clone, Copy)]
+pub(super) struct KeptSample {
+    pub(super) base: Pose<Base, Start>,
+    pub(super) sample: Sample,
+    pub(super) response: Response,
+}
+
+/// The samples of a touch.
+#[derive(Clone, Default)]
+pub(super) struct Memory {
+    /// Revised estimates of the samples before the fit last began anew.
+    revised: Vec<Option<Estimate>>,
+    /// The later samples.
+    visits: Vec<KeptSample>,
+}
+
+impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
+    /// The present sample.
+    pub(super) fn visit(&self, sample: &Sample) -> KeptSample {
+        KeptSample { base: self.base, sample: *sample, response: self.ringing.response() }
+    }
+
+    /// Keeps the present sample, if samples are kept.
+    pub(super) fn keep(&mut self, sample: &Sample) {
+        if self.memory.is_some() {
+            let visit = self.visit(sample);
+            self.memory.iter_mut().for_each(|memory| memory.visits.push(visit));
+        }
+    }
+
+    /// Takes the kept samples for a fit that begins anew at the present pose. If the new fit has another object, that object is to explain
+    /// all of them; otherwise their estimates are first revised by this fit.
+    pub(super) fn handed_over(&mut self, is_another: bool) -> Option<Memory> {
+        let mut memory = self.memory.take()?;
+        let visits = std::mem::take(&mut memory.visits);
+        if is_another {
+            // The present Base is the Start of the new fit.
+            let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
+            let from_now = |visit: KeptSample| KeptSample { base: visit.base.then(&anew), ..visit };
+            memory.visits = visits.into_iter().map(from_now).collect();
+        } else {
+            memory.revised.extend(self.revisited(&visits));
+        }
+        Some(memory)
+    }
+
+    /// Returns the estimates of all samples of the touch and discards the samples. `None` if there are none.
+    pub(super) fn revised(&mut self) -> Option<Vec<Option<Estimate>>> {
+        let memory = self.memory.as_mut()?;
+        let Memory { mut revised, visits } = std::mem::take(memory);
+        if revised.is_empty() && visits.is_empty() {
+            return None;
+        }
+        // A touch that was too short for a fit leaves no object for the next one.
+        if self.is_fitted() {
+            self.finish();
+        }
+        revised.extend(self.revisited(&visits));
+        Some(revised)
+    }
+
+    /// Completes the searches in progress, then those with all readings.
+    fn finish(&mut self) {
+        for _ in 0..2 {
+            self.search(f64::INFINITY);
+            while self.round.is_some() {
+                self.search(f64::INFINITY);
+            }
+        }
+    }
+}
