@@ -53,8 +53,6 @@ def uninterrupted(suite, tmp_path_factory):
     return _contents(folder)
 
 
-# One process, so that the fixture `uninterrupted` runs once.
-@pytest.mark.xdist_group("uninterrupted")
 def test_verif_killed_twenty_times_same_bytes(suite, uninterrupted, tmp_path):
     """SIGKILL of all processes at twenty random times: visible files are complete each time, and the final bytes are the same."""
     rng = np.random.default_rng(20)
@@ -100,7 +98,6 @@ def test_verif_a_killed_suite_in_space_has_the_same_bytes(tmp_path):
     assert _untouched(out, suite) == 0
 
 
-@pytest.mark.xdist_group("uninterrupted")
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
 def test_robust_interrupted_at_any_moment(suite, uninterrupted, tmp_path, delay_s):
     """Ctrl-C during imports, start of workers or simulation: code 130, at most one line, complete traces, no leftovers."""

@@ -240,11 +240,20 @@ fn verif_hindsight_revises_a_touch_when_it_has_ended() {
     estimator.end(&mut estimates);
     assert!(!estimator.is_following());
     assert_eq!(estimates[..380], before[..380], "each touch is revised once");
-    // Without noise, every contact of a deflected whisker is exact; one in the place of its neighbour would be off by tens of um.
-    for i in (100..290).chain(420..500).filter(|i| *i != GATED) {
-        let error_m = estimates[i].unwrap().contact.distance(&truths_m[i].unwrap());
-        assert!(error_m < 15e-6, "{i}: {error_m}");
+    // Every estimate is that of its own sample, not of a neighbouring one.
+    let mut compared = 0;
+    for i in (100..290).chain(420..499).filter(|i| *i != GATED) {
+        let (estimate, truth) = (estimates[i].unwrap().contact, truths_m[i].unwrap());
+        for neighbour in [i - 1, i + 1] {
+            let apart_m = truth.distance(&truths_m[neighbour].unwrap());
+            let error_m = estimate.distance(&truth);
+            if apart_m > 40e-6 {
+                assert!(error_m < 0.5 * apart_m, "{i}: {error_m} {apart_m}");
+                compared += 1;
+            }
+        }
     }
+    assert!(compared > 50, "{compared}");
 }
 
 #[test]

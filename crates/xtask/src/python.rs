@@ -169,6 +169,8 @@ fn pip_install(requirements: Requirements, packages: &[String]) -> Outcome {
     let mut command = Command::new(interpreter());
     command
         .args(["-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--progress-bar=off"])
+        // Python compiles what it imports; compiling every module of every package takes longer.
+        .arg("--no-compile")
         .args(["--require-hashes", "--requirement", requirements.lock()])
         .current_dir(root());
     let (output, input) = std::io::pipe().map_err(cannot)?;

@@ -235,6 +235,7 @@ impl SpatialReplay {
             ("normal_x", numbers(|row| row.normal_x)),
             ("normal_y", numbers(|row| row.normal_y)),
             ("normal_z", numbers(|row| row.normal_z)),
+            ("normal_sd_rad", numbers(|row| row.normal_sd_rad)),
             ("direction_x", numbers(|row| row.direction_x)),
             ("direction_y", numbers(|row| row.direction_y)),
             ("direction_z", numbers(|row| row.direction_z)),

@@ -161,6 +161,6 @@ impl SpatialSurface {
 
     /// Number of points that are used.
     fn __len__(&self) -> usize {
-        self.surface.contacts().len()
+        self.surface.points().len()
     }
 }

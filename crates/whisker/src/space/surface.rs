@@ -35,22 +35,22 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use super::frames::Point;
 use crate::frames::World;
 
-/// Unknowns of a contact: the function and its gradient.
-const OF_CONTACT: usize = 4;
+/// Unknowns of a point: the function and its gradient.
+const OF_POINT: usize = 4;
 
 /// Length scales from which that of the largest evidence is usually chosen (m), for radii of curvature from about 2 mm to 70 mm.
 pub const LENGTHS_M: [f64; 6] = [5e-3, 10e-3, 20e-3, 40e-3, 80e-3, 160e-3];
 
-/// Largest number of contacts of a surface from all contacts at once, and the edge of the cells of which each touch gives one (m),
-/// doubled until there are not more contacts, but not more often than seven times.
-const MOST_CONTACTS: usize = 120;
+/// Largest number of points of a surface from all points at once, and the edge of the cells of which each touch gives one (m),
+/// doubled until there are not more points, but not more often than seven times.
+const MOST_POINTS: usize = 120;
 const CELL_M: f64 = 1e-3;
 const MOST_DOUBLED: u32 = 7;
 
-/// Ratio of standard deviations up to which a contact is nearly as certain as another.
+/// Ratio of standard deviations up to which a point is nearly as certain as another.
 const NEARLY_AS_CERTAIN: f64 = 1.5;
 
-/// Independent variance of each contact, relative to that which it has in common with the others of its touch.
+/// Independent variance of each point, relative to that which it has in common with the others of its touch.
 const INDEPENDENT: f64 = 0.1;
 
 /// Smallest standard deviation of the independent part of a place (m), and of a normal (rad).
@@ -159,7 +159,7 @@ fn errors(one: &OrientedPoint, other: &OrientedPoint, is_same: bool) -> [f64; 2]
 #[derive(Clone, Debug)]
 pub struct ImplicitSurface {
     kernel: Kernel,
-    contacts: Vec<OrientedPoint>,
+    points: Vec<OrientedPoint>,
     /// Cholesky factor of the covariance of the observations: the rows of the lower triangle, one after the other.
     factor: Vec<f64>,
     /// The observations, multiplied by the inverse of the factor.
@@ -172,17 +172,17 @@ impl ImplicitSurface {
     /// A surface without points, whose radii of curvature are about half of the length scale.
     pub fn new(length_m: f64) -> Self {
         let kernel = Kernel { length_m };
-        Self { kernel, contacts: Vec::new(), factor: Vec::new(), whitened: Vec::new(), weights: Vec::new() }
+        Self { kernel, points: Vec::new(), factor: Vec::new(), whitened: Vec::new(), weights: Vec::new() }
     }
 
     /// The surface of many points, with the length scale of the largest evidence. Of more than 120 points, the most certain one of each
     /// touch in each cell of 1 mm is used; the cells are doubled up to seven times, and after that the 120 points with the most certain
     /// normals are used. `None` without length scales.
-    pub fn fit(contacts: &[OrientedPoint], lengths_m: &[f64]) -> Option<Self> {
-        let contacts = thinned(contacts);
+    pub fn fit(points: &[OrientedPoint], lengths_m: &[f64]) -> Option<Self> {
+        let points = thinned(points);
         let of_length = |length_m: &f64| {
             let mut surface = Self::new(*length_m);
-            contacts.iter().for_each(|contact| surface.extend(contact));
+            points.iter().for_each(|point| surface.extend(point));
             surface.weigh();
             surface
         };
@@ -191,23 +191,23 @@ impl ImplicitSurface {
 
     /// Adds a point, unless another one of its touch is less than 1 mm away and nearly as certain. Returns whether it is used. The
     /// length of the path over the object therefore limits the number of points used.
-    pub fn add(&mut self, contact: &OrientedPoint) -> bool {
+    pub fn add(&mut self, point: &OrientedPoint) -> bool {
         let is_redundant_beside = |other: &OrientedPoint| {
-            other.touch == contact.touch
-                && other.at.distance(&contact.at) < CELL_M
-                && other.sd_m <= NEARLY_AS_CERTAIN * contact.sd_m
+            other.touch == point.touch
+                && other.at.distance(&point.at) < CELL_M
+                && other.sd_m <= NEARLY_AS_CERTAIN * point.sd_m
         };
-        let is_used = !self.contacts.iter().any(is_redundant_beside);
+        let is_used = !self.points.iter().any(is_redundant_beside);
         if is_used {
-            self.extend(contact);
+            self.extend(point);
             self.weigh();
         }
         is_used
     }
 
     /// The points that are used.
-    pub fn contacts(&self) -> &[OrientedPoint] {
-        &self.contacts
+    pub fn points(&self) -> &[OrientedPoint] {
+        &self.points
     }
 
     /// Length scale of the covariance (m).
@@ -226,10 +226,10 @@ impl ImplicitSurface {
     /// The function at a point.
     pub fn level(&self, at: Point<World>) -> Level {
         let (value_m, gradient) = self.mean(&at.vector());
-        let of_contact = |contact: &OrientedPoint| -> [f64; OF_CONTACT] {
-            self.kernel.of_value(&(at.vector() - contact.at.vector())).into()
+        let of_point = |point: &OrientedPoint| -> [f64; OF_POINT] {
+            self.kernel.of_value(&(at.vector() - point.at.vector())).into()
         };
-        let mut covariance: Vec<f64> = self.contacts.iter().flat_map(of_contact).collect();
+        let mut covariance: Vec<f64> = self.points.iter().flat_map(of_point).collect();
         self.whiten(&mut covariance);
         let explained: f64 = covariance.iter().map(|one| one * one).sum();
         let known_m2 = (self.kernel.variance_m2() - explained).max(0.0);
@@ -239,15 +239,15 @@ impl ImplicitSurface {
         Level { value_m, gradient, sd_m }
     }
 
-    /// Standard deviation for what the contacts leave undetermined: beyond their convex hull, projected along the normal, its distance,
-    /// and within it an unknown place at which the normal turns. The hull is that of the contacts up to the distance, at most the
-    /// length scale, that gives the smallest value; contacts on a surface that faces the other way do not count.
+    /// Standard deviation for what the points leave undetermined: beyond their convex hull, projected along the normal, its distance,
+    /// and within it an unknown place at which the normal turns. The hull is that of the points up to the distance, at most the
+    /// length scale, that gives the smallest value; points on a surface that faces the other way do not count.
     fn undetermined_sd_m(&self, at: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
         let Some(normal) = normal.try_normalize(0.0) else { return f64::INFINITY };
         let [first, second] = across(&normal);
-        let facing = self.contacts.iter().filter(|contact| contact.normal.dot(&normal) > 0.0).map(|contact| {
-            let offset = contact.at.vector() - at;
-            (offset.norm(), Vector2::new(first.dot(&offset), second.dot(&offset)), contact.normal)
+        let facing = self.points.iter().filter(|point| point.normal.dot(&normal) > 0.0).map(|point| {
+            let offset = point.at.vector() - at;
+            (offset.norm(), Vector2::new(first.dot(&offset), second.dot(&offset)), point.normal)
         });
         let mut around: Vec<(f64, Vector2<f64>, Vector3<f64>)> =
             facing.filter(|(away_m, ..)| *away_m < self.kernel.length_m).collect();
@@ -258,7 +258,7 @@ impl ImplicitSurface {
             let count = around.partition_point(|(away_m, ..)| *away_m <= reach_m);
             let places: Vec<Vector2<f64>> = around[..count].iter().map(|(_, place, _)| *place).collect();
             let cosines = around[..count].iter().map(|(.., normal)| normal.dot(&of_nearest));
-            let turn_rad = cosines.fold(1.0, f64::min).acos();
+            let turn_rad = cosines.fold(1.0, f64::min).max(-1.0).acos();
             // Of a place that is uniformly distributed.
             least_m = from_hull(&places).hypot(nearest_m * turn_rad / 12_f64.sqrt()).min(least_m);
             if count == around.len() {
@@ -270,8 +270,8 @@ impl ImplicitSurface {
 
     /// The value of the function at a point (m), without its uncertainty.
     pub fn value_m(&self, at: Point<World>) -> f64 {
-        let weighted = self.contacts.iter().zip(self.weights.chunks_exact(OF_CONTACT)).map(|(contact, weights)| {
-            self.kernel.of_value(&(at.vector() - contact.at.vector())).dot(&Vector4::from_column_slice(weights))
+        let weighted = self.points.iter().zip(self.weights.chunks_exact(OF_POINT)).map(|(point, weights)| {
+            self.kernel.of_value(&(at.vector() - point.at.vector())).dot(&Vector4::from_column_slice(weights))
         });
         weighted.sum()
     }
@@ -301,31 +301,31 @@ impl ImplicitSurface {
     /// Expected value of the function (m) and of its gradient.
     fn mean(&self, at: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let mut sum = Vector4::zeros();
-        for (contact, weights) in self.contacts.iter().zip(self.weights.chunks_exact(OF_CONTACT)) {
-            sum += self.kernel.at(&(at - contact.at.vector())) * Vector4::from_column_slice(weights);
+        for (point, weights) in self.points.iter().zip(self.weights.chunks_exact(OF_POINT)) {
+            sum += self.kernel.at(&(at - point.at.vector())) * Vector4::from_column_slice(weights);
         }
         (sum[0], sum.fixed_rows::<3>(1).into())
     }
 
-    /// Extends the factor and the whitened observations by a contact.
-    fn extend(&mut self, contact: &OrientedPoint) {
-        self.contacts.push(*contact);
-        let before = self.contacts.len() - 1;
+    /// Extends the factor and the whitened observations by a point.
+    fn extend(&mut self, point: &OrientedPoint) {
+        self.points.push(*point);
+        let before = self.points.len() - 1;
         let blocks: Vec<Matrix4<f64>> = self
-            .contacts
+            .points
             .iter()
             .enumerate()
             .map(|(index, other)| {
-                let [of_place, of_normal] = errors(contact, other, index == before);
+                let [of_place, of_normal] = errors(point, other, index == before);
                 let noise = Vector4::new(of_place, of_normal, of_normal, of_normal);
-                self.kernel.at(&(contact.at.vector() - other.at.vector())) + Matrix4::from_diagonal(&noise)
+                self.kernel.at(&(point.at.vector() - other.at.vector())) + Matrix4::from_diagonal(&noise)
             })
             .collect();
-        let observed = [0.0, contact.normal.x, contact.normal.y, contact.normal.z];
+        let observed = [0.0, point.normal.x, point.normal.y, point.normal.z];
         for (row, observed) in observed.into_iter().enumerate() {
             let mut new: Vec<f64> =
-                blocks.iter().flat_map(|block| -> [f64; OF_CONTACT] { block.row(row).clone_owned().into() }).collect();
-            new.truncate(OF_CONTACT * before + row + 1);
+                blocks.iter().flat_map(|block| -> [f64; OF_POINT] { block.row(row).clone_owned().into() }).collect();
+            new.truncate(OF_POINT * before + row + 1);
             let variance = new.pop().expect("a row has its diagonal");
             self.whiten(&mut new);
             let pivot = (variance - new.iter().map(|one| one * one).sum::<f64>()).sqrt();
@@ -386,26 +386,26 @@ fn from_hull(points: &[Vector2<f64>]) -> f64 {
 }
 
 /// The most certain point of each touch in each cell, if there are many.
-fn thinned(contacts: &[OrientedPoint]) -> Vec<OrientedPoint> {
-    let mut kept = contacts.to_vec();
+fn thinned(points: &[OrientedPoint]) -> Vec<OrientedPoint> {
+    let mut kept = points.to_vec();
     for doubled in 0..=MOST_DOUBLED {
-        if kept.len() <= MOST_CONTACTS {
+        if kept.len() <= MOST_POINTS {
             break;
         }
         let edge_m = CELL_M * f64::from(1 << doubled);
         let mut cells: BTreeMap<(usize, [i64; 3]), OrientedPoint> = BTreeMap::new();
-        for contact in contacts {
-            let cell: [i64; 3] = contact.at.vector().map(|m| (m / edge_m).floor() as i64).into();
-            let kept = cells.entry((contact.touch, cell)).or_insert(*contact);
-            if contact.sd_m < kept.sd_m {
-                *kept = *contact;
+        for point in points {
+            let cell: [i64; 3] = point.at.vector().map(|m| (m / edge_m).floor() as i64).into();
+            let kept = cells.entry((point.touch, cell)).or_insert(*point);
+            if point.sd_m < kept.sd_m {
+                *kept = *point;
             }
         }
         kept = cells.into_values().collect();
     }
-    // Of many touches, the most certain contacts. Errors of normals are the larger ones.
+    // Of many touches, the most certain points. Errors of normals are the larger ones.
     kept.sort_by(|a, b| a.normal_sd_rad.total_cmp(&b.normal_sd_rad));
-    kept.truncate(MOST_CONTACTS);
+    kept.truncate(MOST_POINTS);
     kept
 }
 
@@ -420,16 +420,16 @@ mod tests {
 
     const RADIUS_M: f64 = 0.015;
 
-    /// Contacts on a sphere about the origin, on a spiral over a cap of a third of its surface.
+    /// Points on a sphere about the origin, on a spiral over a cap of a third of its surface.
     fn on_sphere(count: usize, sd_m: f64) -> Vec<OrientedPoint> {
-        let contact = |i: usize| {
+        let point = |i: usize| {
             let (polar, azimuth) =
                 (1.2 * ((i as f64 + 0.5) / count as f64).sqrt(), PI * (3.0 - 5_f64.sqrt()) * i as f64);
             let normal = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
             let at = Point::from_vector(RADIUS_M * normal);
             OrientedPoint { at, normal, sd_m, normal_sd_rad: 0.01, touch: 0 }
         };
-        (0..count).map(contact).collect()
+        (0..count).map(point).collect()
     }
 
     #[test]
@@ -465,35 +465,35 @@ mod tests {
             assert!(level.value_m.abs() < 1e-12 && level.sd_m > 0.0);
         }
         let outside = surface.value_m(Point::from_vector(Vector3::z() * (RADIUS_M + 0.001)));
-        assert!((outside - 0.001).abs() < 1e-4, "near a contact the value is the distance: {outside}");
+        assert!((outside - 0.001).abs() < 1e-4, "near a point the value is the distance: {outside}");
     }
 
     #[test]
     fn verif_errors_of_a_touch_are_common_and_those_of_different_touches_average_out() {
         const SD_M: f64 = 100e-6;
-        let contacts = on_sphere(40, SD_M);
-        let top = |contacts: &[OrientedPoint]| {
-            let surface = ImplicitSurface::fit(contacts, &[0.04]).unwrap();
-            surface.project(contacts[0].at).unwrap()
+        let points = on_sphere(40, SD_M);
+        let top = |points: &[OrientedPoint]| {
+            let surface = ImplicitSurface::fit(points, &[0.04]).unwrap();
+            surface.project(points[0].at).unwrap()
         };
-        let one = top(&contacts);
+        let one = top(&points);
         assert!(
             (0.8..1.2).contains(&(one.sd_m / SD_M)),
-            "forty contacts of a touch are no better than one: {}",
+            "forty points of a touch are no better than one: {}",
             one.sd_m
         );
-        let again = contacts.iter().map(|contact| OrientedPoint { touch: 1, ..*contact });
-        let both: Vec<OrientedPoint> = contacts.iter().copied().chain(again).collect();
+        let again = points.iter().map(|point| OrientedPoint { touch: 1, ..*point });
+        let both: Vec<OrientedPoint> = points.iter().copied().chain(again).collect();
         let ratio = one.sd_m / top(&both).sd_m;
         assert!((ratio - 2_f64.sqrt()).abs() < 0.1, "two touches are better than one: {ratio}");
         // A less certain touch counts less: 100 um outwards with twice the standard deviation.
-        let shifted = |contact: &OrientedPoint| OrientedPoint {
-            at: contact.at.shifted(100e-6 * contact.normal),
+        let shifted = |point: &OrientedPoint| OrientedPoint {
+            at: point.at.shifted(100e-6 * point.normal),
             sd_m: 2.0 * SD_M,
             touch: 1,
-            ..*contact
+            ..*point
         };
-        let mixed: Vec<OrientedPoint> = contacts.iter().copied().chain(contacts.iter().map(shifted)).collect();
+        let mixed: Vec<OrientedPoint> = points.iter().copied().chain(points.iter().map(shifted)).collect();
         let height_m = top(&mixed).at.vector().norm() - RADIUS_M;
         assert!((height_m - 20e-6).abs() < 5e-6, "weights are inverse to the variances: {height_m}");
     }
@@ -501,14 +501,14 @@ mod tests {
     #[test]
     fn verif_beyond_the_points_the_surface_is_uncertain_by_the_distance_from_them() {
         // A stroke along x over a plane, or over a thin rod.
-        let contact = |i: i32| OrientedPoint {
+        let point = |i: i32| OrientedPoint {
             at: Point::new(1e-3 * f64::from(i), 0.0, 0.0),
             normal: Vector3::z(),
             sd_m: 5e-6,
             normal_sd_rad: 5e-3,
             touch: 0,
         };
-        let stroke: Vec<OrientedPoint> = (0..=20).map(contact).collect();
+        let stroke: Vec<OrientedPoint> = (0..=20).map(point).collect();
         let surface = ImplicitSurface::fit(&stroke, &LENGTHS_M).unwrap();
         let sd_m = |x_m: f64, y_m: f64| surface.project(Point::new(x_m, y_m, 1e-4)).unwrap().sd_m;
         assert!(sd_m(0.0105, 0.0) < 10e-6, "{}", sd_m(0.0105, 0.0));
@@ -516,8 +516,7 @@ mod tests {
             assert!((sd_m(x_m, y_m) / away_m - 1.0).abs() < 0.1, "{x_m} {y_m}: {}", sd_m(x_m, y_m));
         }
         // A second stroke encloses the surface between both.
-        let beside =
-            |contact: &OrientedPoint| OrientedPoint { at: contact.at.shifted(Vector3::y() * 3e-3), ..*contact };
+        let beside = |point: &OrientedPoint| OrientedPoint { at: point.at.shifted(Vector3::y() * 3e-3), ..*point };
         let both: Vec<OrientedPoint> = stroke.iter().copied().chain(stroke.iter().map(beside)).collect();
         let between =
             ImplicitSurface::fit(&both, &LENGTHS_M).unwrap().project(Point::new(0.0105, 1.5e-3, 1e-4)).unwrap();
@@ -546,32 +545,32 @@ mod tests {
 
     #[test]
     fn verif_points_added_one_by_one_give_the_same_surface_as_all_at_once() {
-        let contacts = on_sphere(25, 10e-6);
+        let points = on_sphere(25, 10e-6);
         let mut online = ImplicitSurface::new(0.04);
         let away = Point::from_vector(Vector3::new(0.002, 0.003, 0.016));
         let mut sd_m = f64::INFINITY;
-        for contact in &contacts {
-            assert!(online.add(contact));
+        for point in &points {
+            assert!(online.add(point));
             let now = online.level(away).sd_m;
-            assert!(now <= sd_m + 1e-12, "a contact adds information");
+            assert!(now <= sd_m + 1e-12, "a point adds information");
             sd_m = now;
         }
-        let batch = ImplicitSurface::fit(&contacts, &[0.04]).unwrap();
+        let batch = ImplicitSurface::fit(&points, &[0.04]).unwrap();
         let (one, other) = (online.level(away), batch.level(away));
         assert!((one.value_m - other.value_m).abs() < 1e-12 && (one.sd_m - other.sd_m).abs() < 1e-12);
-        assert_eq!((online.contacts().len(), online.length_m()), (25, 0.04));
-        let again = OrientedPoint { at: contacts[3].at.shifted(Vector3::x() * 5e-4), ..contacts[3] };
+        assert_eq!((online.points().len(), online.length_m()), (25, 0.04));
+        let again = OrientedPoint { at: points[3].at.shifted(Vector3::x() * 5e-4), ..points[3] };
         assert!(!online.add(&again) && online.add(&OrientedPoint { sd_m: 2e-6, ..again }));
     }
 
     #[test]
     fn verif_the_evidence_selects_a_longer_length_scale_for_a_larger_object() {
         let length_m = |scale: f64| {
-            let contacts: Vec<OrientedPoint> = on_sphere(50, 5e-6)
+            let points: Vec<OrientedPoint> = on_sphere(50, 5e-6)
                 .into_iter()
-                .map(|contact| OrientedPoint { at: Point::from_vector(scale * contact.at.vector()), ..contact })
+                .map(|point| OrientedPoint { at: Point::from_vector(scale * point.at.vector()), ..point })
                 .collect();
-            ImplicitSurface::fit(&contacts, &LENGTHS_M).unwrap().length_m()
+            ImplicitSurface::fit(&points, &LENGTHS_M).unwrap().length_m()
         };
         assert!(length_m(0.3) < length_m(2.0), "{} {}", length_m(0.3), length_m(2.0));
     }
@@ -580,13 +579,13 @@ mod tests {
     fn robust_of_many_touches_the_most_certain_points_are_used() {
         let of_touch = |touch: usize| {
             let normal_sd_rad = 1e-3 * (1.0 + touch as f64);
-            on_sphere(40, 1e-6).into_iter().map(move |contact| OrientedPoint { touch, normal_sd_rad, ..contact })
+            on_sphere(40, 1e-6).into_iter().map(move |point| OrientedPoint { touch, normal_sd_rad, ..point })
         };
-        let contacts: Vec<OrientedPoint> = (0..500).flat_map(of_touch).collect();
-        let kept = thinned(&contacts);
-        assert_eq!(kept.len(), MOST_CONTACTS);
-        assert!(kept.iter().all(|contact| contact.normal_sd_rad < 0.2));
-        assert_eq!(thinned(&contacts[..10]).len(), 10);
+        let points: Vec<OrientedPoint> = (0..500).flat_map(of_touch).collect();
+        let kept = thinned(&points);
+        assert_eq!(kept.len(), MOST_POINTS);
+        assert!(kept.iter().all(|point| point.normal_sd_rad < 0.2));
+        assert_eq!(thinned(&points[..10]).len(), 10);
     }
 
     #[test]

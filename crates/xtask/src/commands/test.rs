@@ -22,7 +22,7 @@ const KILLS: u64 = 8;
 pub(super) const PARTS: &[Part] = &[
     Part { name: "python packages", run: || python::install(Requirements::Development) },
     Part { name: "python tests, builds", run: python_tests_and_builds },
-    Part { name: "interrupted simulations", run: || run_command(pytest("loadgroup", &[INTERRUPTED])) },
+    Part { name: "interrupted simulations", run: || run_command(pytest(&[INTERRUPTED])) },
     Part { name: "rust tests", run: run_rust_tests },
     Part { name: "rust examples", run: || run_command(cargo(&[&["test"], &TESTED[..], &["--doc"]].concat())) },
     Part { name: "end to end", run: end_to_end },
@@ -45,7 +45,7 @@ const INTERRUPTED: &str = "sim/tests/test_resume.py";
 /// Runs the other tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often
 /// waits for one large package, which occupies a single processor.
 fn python_tests_and_builds() -> Outcome {
-    let tests = start(pytest("loadfile", &["sim/tests", "--ignore", INTERRUPTED]))?;
+    let tests = start(pytest(&["sim/tests", "--ignore", INTERRUPTED]))?;
     let built = run_command(cargo(&rust_tests(&["--no-run"]))).and_then(|()| python::install_package());
     tests.finish().and(built)
 }
@@ -70,10 +70,9 @@ fn run_rust_tests() -> Outcome {
     run_command(command)
 }
 
-/// A command that runs tests in Python, one process per processor. Tests of one file (`loadfile`), or of one group of `xdist_group`
-/// (`loadgroup`), share a process, and with it their fixtures.
-fn pytest(distribution: &str, arguments: &[&str]) -> Command {
-    python_command(&[&["-m", "pytest", "-n", "auto", "--dist", distribution], arguments].concat())
+/// A command that runs tests in Python, one process per processor. Tests of one file share a process, and with it their fixtures.
+fn pytest(arguments: &[&str]) -> Command {
+    python_command(&[&["-m", "pytest", "-n", "auto", "--dist", "loadfile"], arguments].concat())
 }
 
 fn has_nextest() -> bool {
@@ -90,7 +89,7 @@ fn end_to_end() -> Outcome {
     pipeline::fit(SUITE)?;
     pipeline::Evaluations::new(false).of(SUITE, None)?;
     pipeline::report(SUITE)?;
-    let mut tests = pytest("loadfile", &["tests"]);
+    let mut tests = pytest(&["tests"]);
     tests.env("WHISKER_REPORT", root().join("results").join(SUITE).join("index.html"));
     let tests = start(tests)?;
     // The disturbed commands of the calibration platform take little processor time, so that the tests run beside them.
@@ -103,7 +102,7 @@ fn end_to_end() -> Outcome {
 fn python_package() -> Outcome {
     let stubtest = ["-m", "mypy.stubtest", "whisker_contact", "--mypy-config-file", "python/pyproject.toml"];
     run_command(python_command(&stubtest))?;
-    run_command(pytest("loadfile", &["-c", "python/pyproject.toml", "python/tests"]))
+    run_command(pytest(&["-c", "python/pyproject.toml", "python/tests"]))
 }
 
 fn remove(folder: &str) -> Outcome {
