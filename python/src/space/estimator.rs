@@ -27,7 +27,7 @@ use crate::sampling::Sampling;
 pub(crate) fn spatial_estimators(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let rows = SPATIAL_ESTIMATORS
         .iter()
-        .map(|row| json!({"name": row.name, "about": row.about, "class": row.class, "settings": row.defaults()}));
+        .map(|row| json!({"name": row.name, "about": row.about, "class": row.class(), "settings": row.defaults()}));
     from_json(py, &rows.collect::<Vec<Value>>())
 }
 

@@ -225,7 +225,7 @@ fn is_compared(row: &SpatialSummaryRow) -> bool {
 
 /// Whether an estimator is a hindsight method.
 fn looks_back(estimator: &str) -> bool {
-    spatial_estimator(estimator).is_some_and(|row| row.class == MethodClass::Hindsight)
+    spatial_estimator(estimator).is_some_and(|row| row.class() == MethodClass::Hindsight)
 }
 
 /// The rows of one group and whisker.

@@ -56,31 +56,31 @@ impl Buffer {
         self.add(values.flat_map(|value| (value as f32).to_le_bytes()), accessor)
     }
 
-    /// Adds the attributes of spots, with coordinates relative to `middle`.
-    fn add_spots(&mut self, spots: &[PointAttributes], middle: Vector3<f64>) -> Value {
-        let places: Vec<[f32; 3]> = spots.iter().map(|spot| (spot.at - middle).map(|m| m as f32).into()).collect();
+    /// Adds the attributes of points or vertices, with coordinates relative to `middle`.
+    fn add_points(&mut self, points: &[PointAttributes], middle: Vector3<f64>) -> Value {
+        let places: Vec<[f32; 3]> = points.iter().map(|point| (point.at - middle).map(|m| m as f32).into()).collect();
         let extreme = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
             std::array::from_fn(|axis| places.iter().map(|place| place[axis]).reduce(pick).unwrap_or_default())
         };
-        let vectors = |kind: &str| json!({"componentType": FLOAT, "count": spots.len(), "type": kind});
+        let vectors = |kind: &str| json!({"componentType": FLOAT, "count": points.len(), "type": kind});
         let mut position = vectors("VEC3");
         (position["min"], position["max"]) = (json!(extreme(f32::min)), json!(extreme(f32::max)));
-        let normals: Vec<[f32; 3]> = spots.iter().map(|spot| spot.normal.map(|n| n as f32).into()).collect();
+        let normals: Vec<[f32; 3]> = points.iter().map(|point| point.normal.map(|n| n as f32).into()).collect();
         let bytes = |values: &[[f32; 3]]| {
             values.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>()
         };
-        let colours = spots.iter().flat_map(|spot| {
-            let [red, green, blue] = colour(spot.sd_m);
+        let colours = points.iter().flat_map(|point| {
+            let [red, green, blue] = colour(point.sd_m);
             [red, green, blue, u8::MAX]
         });
         let coloured =
-            json!({"componentType": UNSIGNED_BYTE, "normalized": true, "count": spots.len(), "type": "VEC4"});
+            json!({"componentType": UNSIGNED_BYTE, "normalized": true, "count": points.len(), "type": "VEC4"});
         json!({
             "POSITION": self.add(bytes(&places).into_iter(), position),
             "NORMAL": self.add(bytes(&normals).into_iter(), vectors("VEC3")),
             "COLOR_0": self.add(colours, coloured),
-            "_SD_M": self.add_scalars(spots.iter().map(|spot| spot.sd_m)),
-            "_OBJECT": self.add_scalars(spots.iter().map(|spot| spot.object as f64)),
+            "_SD_M": self.add_scalars(points.iter().map(|point| point.sd_m)),
+            "_OBJECT": self.add_scalars(points.iter().map(|point| point.object as f64)),
         })
     }
 }
@@ -100,23 +100,23 @@ impl SpatialMap {
         if count > 0 {
             // Single precision suffices for coordinates relative to the mean.
             let middle = self.points.iter().map(|point| point.at).sum::<Vector3<f64>>() / count as f64;
-            let spot = |point: &SurfacePoint| {
+            let attributes_of = |point: &SurfacePoint| {
                 let SurfacePoint { at, normal, object, .. } = *point;
                 PointAttributes { at, normal, sd_m: point.sd_m(), object }
             };
-            let spots: Vec<PointAttributes> = self.points.iter().map(spot).collect();
-            let mut attributes = buffer.add_spots(&spots, middle);
+            let of_points: Vec<PointAttributes> = self.points.iter().map(attributes_of).collect();
+            let mut attributes = buffer.add_points(&of_points, middle);
             attributes["_ESTIMATES"] =
                 json!(buffer.add_scalars(self.points.iter().map(|point| point.estimates as f64)));
             let mut primitives = vec![json!({"mode": POINTS, "attributes": attributes})];
             let SurfaceMesh { vertices, triangles } = &self.surface;
             if !triangles.is_empty() {
-                let spot = |vertex: &Vertex| {
+                let attributes_of = |vertex: &Vertex| {
                     let Vertex { on: ProjectedPoint { at, normal, sd_m }, object } = *vertex;
                     PointAttributes { at: at.vector(), normal, sd_m, object }
                 };
-                let spots: Vec<PointAttributes> = vertices.iter().map(spot).collect();
-                let attributes = buffer.add_spots(&spots, middle);
+                let of_vertices: Vec<PointAttributes> = vertices.iter().map(attributes_of).collect();
+                let attributes = buffer.add_points(&of_vertices, middle);
                 let corners = triangles.as_flattened();
                 let accessor = json!({"componentType": UNSIGNED_INT, "count": corners.len(), "type": "SCALAR"});
                 let indices = buffer.add(corners.iter().flat_map(|corner| corner.to_le_bytes()), accessor);

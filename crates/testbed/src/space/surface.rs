@@ -1,7 +1,5 @@
 //! Triangle meshes of the surfaces of a map ([`whisker::space::surface`]).
 
-use std::collections::BTreeSet;
-
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use nalgebra::Vector3;
@@ -55,9 +53,9 @@ impl SurfaceMesh {
     /// The mesh of some objects, from the points of each.
     pub fn new(objects: &[Vec<OrientedPoint>]) -> Self {
         let mut mesh = Self::default();
-        for (object, contacts) in objects.iter().enumerate() {
-            if let Some(surface) = ImplicitSurface::fit(contacts, &LENGTHS_M) {
-                mesh.add(object, &surface, contacts);
+        for (object, points) in objects.iter().enumerate() {
+            if let Some(surface) = ImplicitSurface::fit(points, &LENGTHS_M) {
+                mesh.add(object, &surface, points);
             }
         }
         mesh
@@ -84,14 +82,17 @@ impl SurfaceMesh {
     }
 
     /// Adds the zero level of a surface near points.
-    fn add(&mut self, object: usize, surface: &ImplicitSurface, contacts: &[OrientedPoint]) {
-        let Some(grid) = Grid::around(contacts) else { return };
+    fn add(&mut self, object: usize, surface: &ImplicitSurface, points: &[OrientedPoint]) {
+        let Some(grid) = Grid::around(points) else { return };
         let shape = RuntimeShape::<u32, 3>::new(grid.nodes);
         // A vertex beside a node without a value has no finite coordinates, and is left out.
         let mut values = vec![f32::NAN; shape.usize()];
-        for node in grid.near(contacts) {
-            let at = Point::from_vector(grid.place(node.map(f64::from)));
-            values[shape.linearize(node) as usize] = (surface.value_m(at) / grid.edge_m) as f32;
+        for node in points.iter().flat_map(|point| grid.around_point(point)) {
+            let value = &mut values[shape.linearize(node) as usize];
+            if value.is_nan() {
+                let at = Point::from_vector(grid.place(node.map(f64::from)));
+                *value = (surface.value_m(at) / grid.edge_m) as f32;
+            }
         }
         let mut found = SurfaceNetsBuffer::default();
         surface_nets(&values, &shape, [0; 3], grid.nodes.map(|count| count - 1), &mut found);
@@ -124,9 +125,9 @@ struct Grid {
 }
 
 impl Grid {
-    /// The grid around some contacts. `None` without contacts.
-    fn around(contacts: &[OrientedPoint]) -> Option<Self> {
-        let places = || contacts.iter().map(|contact| contact.at.vector());
+    /// The grid around some points. `None` without points.
+    fn around(points: &[OrientedPoint]) -> Option<Self> {
+        let places = || points.iter().map(|point| point.at.vector());
         let (low, high) = (places().reduce(|a, b| a.inf(&b))?, places().reduce(|a, b| a.sup(&b))?);
         let mut edge_m = GRID_M;
         loop {
@@ -139,22 +140,18 @@ impl Grid {
         }
     }
 
-    /// The nodes near contacts, in order.
-    fn near(&self, contacts: &[OrientedPoint]) -> BTreeSet<[u32; 3]> {
+    /// The nodes on each side of a point, along each axis.
+    fn around_point(&self, point: &OrientedPoint) -> impl Iterator<Item = [u32; 3]> {
+        let place: [f64; 3] = ((point.at.vector() - self.first_m) / self.edge_m).into();
         let reach = REACH as u32;
-        let mut nodes = BTreeSet::new();
-        for contact in contacts {
-            let place = (contact.at.vector() - self.first_m) / self.edge_m;
-            let [x, y, z] = place.map(|edges| edges.round() as u32).into();
-            let around = |node: u32| node.saturating_sub(reach)..=node + reach;
-            for x in around(x) {
-                for y in around(y) {
-                    nodes.extend(around(z).map(|z| [x, y, z]));
-                }
-            }
-        }
-        nodes.retain(|node| node.iter().zip(self.nodes).all(|(at, count)| *at < count));
-        nodes
+        let [xs, ys, zs] = std::array::from_fn(|axis| {
+            let node = place[axis].round() as u32;
+            node.saturating_sub(reach)..=(node + reach).min(self.nodes[axis] - 1)
+        });
+        xs.flat_map(move |x| {
+            let zs = zs.clone();
+            ys.clone().flat_map(move |y| zs.clone().map(move |z| [x, y, z]))
+        })
     }
 
     /// The point with these coordinates in edges of the grid.
@@ -210,9 +207,9 @@ mod tests {
     }
 
     #[test]
-    fn verif_where_the_contacts_are_uncertain_there_is_no_surface() {
-        let contacts = along_a_circle(0.7, 0, 2.0 * MOST_SD_M);
-        let mesh = SurfaceMesh::new(&[contacts]);
+    fn verif_where_the_points_are_uncertain_there_is_no_surface() {
+        let points = along_a_circle(0.7, 0, 2.0 * MOST_SD_M);
+        let mesh = SurfaceMesh::new(&[points]);
         assert!(mesh.triangles.is_empty() && mesh.area_m2() == 0.0);
         let score = mesh.score(&Solid::Sphere { radius_m: RADIUS_M, center_m: CENTER_M });
         assert_eq!(score, SurfaceScore { mean_m: None, coverage: None });

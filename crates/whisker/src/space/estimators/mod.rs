@@ -341,8 +341,6 @@ pub struct SpatialEstimatorRow {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
-    /// Class of the method.
-    pub class: MethodClass,
     kind: Kind,
 }
 
@@ -351,84 +349,80 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
         about: "average, weighted by evidence, of fits of rods, spheres, surfaces of two curvatures and, on real sensors, points",
-        class: MethodClass::Recursive,
         kind: Kind::Average,
     },
     SpatialEstimatorRow {
         name: "batch-recommended",
         about: "`recommended` in hindsight: when a touch has ended, its estimates are computed from all readings of the touch",
-        class: MethodClass::Hindsight,
         kind: Kind::Hindsight,
     },
     SpatialEstimatorRow {
         name: "line",
         about: "iterated extended Kalman filter for a thin rod or an edge of unknown direction, along which the contact slides",
-        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "point",
         about: "iterated extended Kalman filter for a contact at rest in the world",
-        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::resting),
     },
     SpatialEstimatorRow {
         name: "cylinder",
         about: "`line` for round rods of any radius and direction",
-        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere",
         about: "iterated extended Kalman filter for a contact that slides over a sphere of unknown radius",
-        class: MethodClass::Recursive,
         kind: Kind::Filter(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
         name: "particle",
         about: "particle filter for a thin rod or an edge of unknown direction, along which the contact slides",
-        class: MethodClass::Recursive,
         kind: Kind::Particles(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "paper-ukf-3d",
         about: "unscented Kalman filter of Lin et al. 2024 for a contact at rest, with constant noise and fading memory",
-        class: MethodClass::Published,
         kind: Kind::Paper,
     },
     SpatialEstimatorRow {
         name: "point-fit",
         about: "fit of a contact at rest, held by friction, to all readings",
-        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::resting),
     },
     SpatialEstimatorRow {
         name: "line-fit",
         about: "fit of a thin rod or edge to all readings",
-        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::line),
     },
     SpatialEstimatorRow {
         name: "cylinder-fit",
         about: "fit of a round rod of any radius to all readings",
-        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::fitted_cylinder),
     },
     SpatialEstimatorRow {
         name: "sphere-fit",
         about: "fit of a sphere of any radius to all readings",
-        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::sphere),
     },
     SpatialEstimatorRow {
         name: "patch-fit",
         about: "fit of a surface of two principal curvatures to all readings",
-        class: MethodClass::Recursive,
         kind: Kind::Fit(MotionSettings::patch),
     },
 ];
 
 impl SpatialEstimatorRow {
+    /// Class of the method.
+    pub fn class(&self) -> MethodClass {
+        match self.kind {
+            Kind::Hindsight => MethodClass::Hindsight,
+            Kind::Paper => MethodClass::Published,
+            Kind::Filter(_) | Kind::Particles(_) | Kind::Fit(_) | Kind::Average => MethodClass::Recursive,
+        }
+    }
+
     /// Default settings.
     pub fn defaults(&self) -> Value {
         self.kind.defaults()
@@ -451,7 +445,7 @@ impl SpatialEstimatorRow {
             knowledge: knowledge.clone(),
             touch: TouchDetector::new(touch, knowledge),
             tracker: None,
-            looks_back: self.class == MethodClass::Hindsight,
+            looks_back: self.class() == MethodClass::Hindsight,
             taken: Vec::new(),
             revised: None,
         })

@@ -22,20 +22,20 @@ pub(super) struct Memory {
     /// Revised estimates of the samples before the fit last began anew.
     revised: Vec<Option<Estimate>>,
     /// The later samples.
-    visits: Vec<KeptSample>,
+    samples: Vec<KeptSample>,
 }
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
-    /// The present sample.
-    pub(super) fn visit(&self, sample: &Sample) -> KeptSample {
+    /// The present sample with its pose and response.
+    pub(super) fn kept(&self, sample: &Sample) -> KeptSample {
         KeptSample { base: self.base, sample: *sample, response: self.ringing.response() }
     }
 
     /// Keeps the present sample, if samples are kept.
     pub(super) fn keep(&mut self, sample: &Sample) {
-        if self.memory.is_some() {
-            let visit = self.visit(sample);
-            self.memory.iter_mut().for_each(|memory| memory.visits.push(visit));
+        let kept = self.kept(sample);
+        if let Some(memory) = &mut self.memory {
+            memory.samples.push(kept);
         }
     }
 
@@ -43,14 +43,14 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// all of them; otherwise their estimates are first revised by this fit.
     pub(super) fn handed_over(&mut self, is_another: bool) -> Option<Memory> {
         let mut memory = self.memory.take()?;
-        let visits = std::mem::take(&mut memory.visits);
+        let samples = std::mem::take(&mut memory.samples);
         if is_another {
             // The present Base is the Start of the new fit.
             let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
-            let from_now = |visit: KeptSample| KeptSample { base: visit.base.then(&anew), ..visit };
-            memory.visits = visits.into_iter().map(from_now).collect();
+            let from_now = |kept: KeptSample| KeptSample { base: kept.base.then(&anew), ..kept };
+            memory.samples = samples.into_iter().map(from_now).collect();
         } else {
-            memory.revised.extend(self.revisited(&visits));
+            memory.revised.extend(self.revisited(&samples));
         }
         Some(memory)
     }
@@ -58,15 +58,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// Returns the estimates of all samples of the touch and discards the samples. `None` if there are none.
     pub(super) fn revised(&mut self) -> Option<Vec<Option<Estimate>>> {
         let memory = self.memory.as_mut()?;
-        let Memory { mut revised, visits } = std::mem::take(memory);
-        if revised.is_empty() && visits.is_empty() {
+        let Memory { mut revised, samples } = std::mem::take(memory);
+        if revised.is_empty() && samples.is_empty() {
             return None;
         }
         // A touch that was too short for a fit leaves no object for the next one.
         if self.is_fitted() {
             self.finish();
         }
-        revised.extend(self.revisited(&visits));
+        revised.extend(self.revisited(&samples));
         Some(revised)
     }
 

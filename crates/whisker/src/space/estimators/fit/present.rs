@@ -31,7 +31,7 @@ struct Mixture<const N: usize> {
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// The estimate of the modes.
     pub(super) fn together(&mut self, sample: &Sample) -> Option<Estimate> {
-        let now = self.visit(sample);
+        let now = self.kept(sample);
         let mut modes = std::mem::take(&mut self.modes);
         let mixture = self.mixture(&mut modes, &now, self.slipped.mean_nis());
         self.modes = modes;
@@ -52,9 +52,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// The estimates at the samples of this touch by the present modes, which all readings determine. All are `None` if the object is
     /// not known.
-    pub(super) fn revisited(&self, visits: &[KeptSample]) -> Vec<Option<Estimate>> {
-        let Some(first) = visits.first().filter(|_| self.is_fitted() && self.earlier != Earlier::Unconfirmed) else {
-            return vec![None; visits.len()];
+    pub(super) fn revisited(&self, samples: &[KeptSample]) -> Vec<Option<Estimate>> {
+        let Some(first) = samples.first().filter(|_| self.is_fitted() && self.earlier != Earlier::Unconfirmed) else {
+            return vec![None; samples.len()];
         };
         // The contact at the first sample is sought from where a contact at rest would have been.
         let (axis, motion) = (self.side.axis(), self.base.then(&first.base.inverse()));
@@ -64,22 +64,22 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         };
         let mut modes: Vec<_> = self.modes.iter().map(at_first).collect();
         let model_doubtful = Some(self.is_contradicted());
-        let estimate = |visit: &KeptSample| {
+        let estimate = |kept: &KeptSample| {
             // The fit includes the readings, so that their mean innovation does not measure its error.
-            let Mixture { belief, innovation, .. } = self.mixture(&mut modes, visit, 0.0)?;
+            let Mixture { belief, innovation, .. } = self.mixture(&mut modes, kept, 0.0)?;
             Some(Estimate { model_doubtful, ..self.stated(&belief?, innovation)? })
         };
-        visits.iter().map(estimate).collect()
+        samples.iter().map(estimate).collect()
     }
 
     /// The beliefs of the modes at a sample, with the recent mean of the innovations. `None` without a contact on any of their
     /// objects.
-    fn mixture(&self, modes: &mut [Mode<Model::Object, N>], visit: &KeptSample, recent_nis: f64) -> Option<Mixture<N>> {
+    fn mixture(&self, modes: &mut [Mode<Model::Object, N>], kept: &KeptSample, recent_nis: f64) -> Option<Mixture<N>> {
         let mut beliefs: Vec<(Gaussian<N>, Innovation<2>, f64)> = modes
             .iter_mut()
             .filter(|mode| !mode.is_new())
             .filter_map(|mode| {
-                let (belief, innovation) = self.present(mode, visit, recent_nis)?;
+                let (belief, innovation) = self.present(mode, kept, recent_nis)?;
                 Some((belief, innovation, mode.log_weight.exp()))
             })
             .filter(|(belief, ..)| belief.is_finite())
@@ -105,11 +105,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     fn present(
         &self,
         mode: &mut Mode<Model::Object, N>,
-        visit: &KeptSample,
+        kept: &KeptSample,
         recent_nis: f64,
     ) -> Option<(Gaussian<N>, Innovation<2>)> {
         let (side, model) = (&self.side, &self.model);
-        let KeptSample { base, sample, response } = visit;
+        let KeptSample { base, sample, response } = kept;
         let motion = mode.reference.then(&base.inverse());
         let object = mode.about.object(&motion);
         let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
