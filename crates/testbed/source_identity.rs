@@ -101,6 +101,7 @@ pub(crate) const EVALUATION: Code = Code {
         "crates/testbed/src/space/solid.rs",
         "crates/testbed/src/space/surface.rs",
         "crates/testbed/src/space/trial.rs",
+        "crates/testbed/src/space/view.rs",
         "crates/testbed/src/space/wire.rs",
         "crates/testbed/src/statistics.rs",
         "crates/trace/src",

@@ -455,6 +455,40 @@ messages! {
         data: Vec<i8>,
     }
 
+    /// A field of the points of a cloud. [`point_field`] has the values of `datatype`.
+    PointField = "sensor_msgs/msg/PointField" {
+        /// Name.
+        name: String,
+        /// Place within the bytes of a point.
+        offset: u32,
+        /// Type of its numbers.
+        datatype: u8,
+        /// Number of numbers.
+        count: u32,
+    }
+
+    /// Points with fields, as bytes.
+    PointCloud2 = "sensor_msgs/msg/PointCloud2" {
+        /// Time and frame.
+        header: Header,
+        /// Number of rows; 1 for points without an order.
+        height: u32,
+        /// Number of points of a row.
+        width: u32,
+        /// Fields of a point.
+        fields: Vec<PointField>,
+        /// Whether the first byte of a number is the most significant one.
+        is_bigendian: bool,
+        /// Number of bytes of a point.
+        point_step: u32,
+        /// Number of bytes of a row.
+        row_step: u32,
+        /// The points, row by row.
+        data: Vec<u8>,
+        /// Whether all numbers are finite.
+        is_dense: bool,
+    }
+
     /// A value with its name.
     KeyValue = "diagnostic_msgs/msg/KeyValue" {
         /// Name.
@@ -524,6 +558,12 @@ pub mod marker {
     pub const TRIANGLE_LIST: i32 = 11;
     /// Action: adds or replaces the object.
     pub const ADD: i32 = 0;
+}
+
+/// Constants of [`PointField`].
+pub mod point_field {
+    /// Numbers of single precision.
+    pub const FLOAT32: u8 = 7;
 }
 
 const NANOSECONDS: u64 = 1_000_000_000;

@@ -37,11 +37,16 @@ pub const CONTACT: &str = "contact";
 pub const MARKERS: &str = "markers";
 /// Whiskers, contacts and outlines as a scene of Foxglove, after the prefix.
 pub const SCENE: &str = "scene";
-/// Map of the touched and of the free space, after the prefix: [`OccupancyGrid`](crate::messages::OccupancyGrid).
+/// Map of the touched and of the free space in the plane, after the prefix:
+/// [`OccupancyGrid`](crate::messages::OccupancyGrid).
 pub const MAP: &str = "map";
+/// Touched points in space, after the prefix: [`PointCloud2`](crate::messages::PointCloud2).
+pub const POINTS: &str = "points";
+/// Touched and free voxels in space, after the prefix: [`PointCloud2`](crate::messages::PointCloud2).
+pub const VOXELS: &str = "voxels";
 /// Whether the last message of a topic is kept for later subscribers: static frames and maps.
 pub fn is_kept(topic: &str) -> bool {
-    topic == TF_STATIC || topic.rsplit('/').next() == Some(MAP)
+    topic == TF_STATIC || topic.rsplit('/').next().is_some_and(|end| [MAP, POINTS, VOXELS].contains(&end))
 }
 
 /// States of live whiskers: [`DiagnosticArray`](crate::messages::DiagnosticArray).

@@ -1,13 +1,14 @@
-//! Motion of a whisker's base in space, projected on the plane of the estimators.
+//! Motion of a whisker's base, by transforms or joints, as its estimator takes it: in space, or projected on a plane.
 
 use live::{Clock, Deviation, Motion, Place, Sampled};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use trace::SpatialPose;
 use whisker::frames::{Base, Pose, World};
 
 use crate::arm::Arm;
 use crate::frames::{FrameTransform, Frames};
 
-/// Plane of the estimators: that through the first used pose of a base, parallel to the x and y axes of the fixed frame turned by
+/// Plane of planar estimators: that through the first used pose of a base, parallel to the x and y axes of the fixed frame turned by
 /// `rotation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -41,10 +42,36 @@ pub(crate) enum Part {
     Joint(std::sync::Arc<str>, f64),
 }
 
-/// Chain of frames or of joints from the fixed frame to the base of a whisker, and the plane.
-#[derive(Clone, Debug)]
-pub struct Chain {
-    source: Source,
+/// Pose of a base as an estimator takes it.
+pub(crate) trait Projection: Send {
+    /// Pose of the base.
+    type Base;
+
+    /// Place of a base with this pose in the fixed frame.
+    fn place(&self, pose: &Isometry3<f64>) -> Place<Self::Base>;
+
+    /// Takes the pose of a reading that is used, if it is required. Default: it is not.
+    fn used(&mut self, _pose: impl FnOnce() -> Option<Isometry3<f64>>) {}
+
+    /// Begins anew after a jump of a clock.
+    fn restart(&mut self) {}
+}
+
+/// Poses in space, as they are.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InSpace;
+
+impl Projection for InSpace {
+    type Base = SpatialPose;
+
+    fn place(&self, pose: &Isometry3<f64>) -> Place<SpatialPose> {
+        Place::At(SpatialPose { position: pose.translation.vector, rotation: pose.rotation })
+    }
+}
+
+/// Poses projected on a plane, if they lie in it within its tolerance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OnPlane {
     plane: Plane,
     /// Height of the first used pose of a clock above the origin of the fixed frame, along the normal of the plane.
     height_m: Option<f64>,
@@ -52,34 +79,84 @@ pub struct Chain {
     is_current: bool,
 }
 
-impl Chain {
-    pub(crate) fn new(source: Source, plane: Plane) -> Self {
-        Self { source, plane, height_m: None, is_current: false }
+impl OnPlane {
+    pub(crate) fn new(plane: Plane) -> Self {
+        Self { plane, height_m: None, is_current: false }
     }
 
     /// Height of the plane above the origin of the fixed frame, along its normal: that of the first used pose. After a jump of a
     /// clock, it is kept until the next used pose. `None` before the first one.
-    pub fn height_m(&self) -> Option<f64> {
+    pub(crate) fn height_m(&self) -> Option<f64> {
         self.height_m
     }
 
-    /// Pose of the base with the axes of the plane.
-    fn in_plane(&self, t_s: f64, gap_s: f64) -> Sampled<Isometry3<f64>> {
-        let pose = match &self.source {
-            Source::Frames(frames) => frames.at(t_s, gap_s),
-            Source::Arm(arm) => arm.at(t_s, gap_s),
-        };
-        match pose {
-            Sampled::At(pose) if self.plane.rotation == UnitQuaternion::identity() => Sampled::At(pose),
-            Sampled::At(pose) => Sampled::At(self.plane.rotation.inverse() * pose),
-            other => other,
+    /// A pose with the axes of the plane.
+    fn turned(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
+        let is_fixed = self.plane.rotation == UnitQuaternion::identity();
+        if is_fixed { *pose } else { self.plane.rotation.inverse() * pose }
+    }
+}
+
+impl Projection for OnPlane {
+    type Base = Pose<Base, World>;
+
+    fn place(&self, pose: &Isometry3<f64>) -> Place {
+        let pose = self.turned(pose);
+        let (up, ahead) = (pose.rotation * Vector3::z(), pose.rotation * Vector3::x());
+        let height_m = self.height_m.filter(|_| self.is_current);
+        let above_m = height_m.map_or(0.0, |height_m| pose.translation.z - height_m);
+        let deviation = Deviation { tilt_rad: up.x.hypot(up.y).atan2(up.z), height_m: above_m };
+        if deviation.tilt_rad > self.plane.tilt_rad || above_m.abs() > self.plane.height_m {
+            return Place::OffPlane(deviation);
+        }
+        Place::At(Pose::new(pose.translation.x, pose.translation.y, ahead.y.atan2(ahead.x)))
+    }
+
+    /// The first used pose determines the height of the plane.
+    fn used(&mut self, pose: impl FnOnce() -> Option<Isometry3<f64>>) {
+        if !self.is_current
+            && let Some(pose) = pose()
+        {
+            (self.height_m, self.is_current) = (Some(self.turned(&pose).translation.z), true);
+        }
+    }
+
+    fn restart(&mut self) {
+        self.is_current = false;
+    }
+}
+
+/// Chain of frames or of joints from the fixed frame to the base of a whisker.
+#[derive(Clone, Debug)]
+pub(crate) struct Chain<P> {
+    source: Source,
+    projection: P,
+}
+
+impl<P> Chain<P> {
+    pub(crate) fn new(source: Source, projection: P) -> Self {
+        Self { source, projection }
+    }
+
+    /// The projection of its poses.
+    pub(crate) fn projection(&self) -> &P {
+        &self.projection
+    }
+}
+
+impl Source {
+    /// Pose of the base in the fixed frame.
+    fn at(&self, t_s: f64, gap_s: f64) -> Sampled<Isometry3<f64>> {
+        match self {
+            Self::Frames(frames) => frames.at(t_s, gap_s),
+            Self::Arm(arm) => arm.at(t_s, gap_s),
         }
     }
 }
 
-impl Motion for Chain {
+impl<P: Projection> Motion for Chain<P> {
     type Measured = Measured;
-    type Base = Pose<Base, World>;
+    type Base = P::Base;
 
     /// Joints that do not belong to the chain are not checked.
     fn is_finite(&self, Measured(part): &Measured) -> bool {
@@ -124,20 +201,12 @@ impl Motion for Chain {
         }
     }
 
-    fn at(&self, t_s: f64, gap_s: f64) -> Place {
-        let pose = match self.in_plane(t_s, gap_s) {
-            Sampled::At(pose) => pose,
-            Sampled::Pending => return Place::Pending,
-            Sampled::Unknown => return Place::Unknown,
-        };
-        let (up, ahead) = (pose.rotation * Vector3::z(), pose.rotation * Vector3::x());
-        let height_m = self.height_m.filter(|_| self.is_current);
-        let above_m = height_m.map_or(0.0, |height_m| pose.translation.z - height_m);
-        let deviation = Deviation { tilt_rad: up.x.hypot(up.y).atan2(up.z), height_m: above_m };
-        if deviation.tilt_rad > self.plane.tilt_rad || above_m.abs() > self.plane.height_m {
-            return Place::OffPlane(deviation);
+    fn at(&self, t_s: f64, gap_s: f64) -> Place<P::Base> {
+        match self.source.at(t_s, gap_s) {
+            Sampled::At(pose) => self.projection.place(&pose),
+            Sampled::Pending => Place::Pending,
+            Sampled::Unknown => Place::Unknown,
         }
-        Place::At(Pose::new(pose.translation.x, pose.translation.y, ahead.y.atan2(ahead.x)))
     }
 
     fn newest_s(&self) -> Option<f64> {
@@ -147,13 +216,12 @@ impl Motion for Chain {
         }
     }
 
-    /// The first used pose determines the height of the plane.
     fn settle(&mut self, t_s: f64, is_used: bool) {
-        if is_used
-            && !self.is_current
-            && let Sampled::At(pose) = self.in_plane(t_s, f64::INFINITY)
-        {
-            (self.height_m, self.is_current) = (Some(pose.translation.z), true);
+        if is_used {
+            self.projection.used(|| match self.source.at(t_s, f64::INFINITY) {
+                Sampled::At(pose) => Some(pose),
+                Sampled::Pending | Sampled::Unknown => None,
+            });
         }
         match &mut self.source {
             Source::Frames(frames) => frames.settle(t_s),
@@ -162,7 +230,7 @@ impl Motion for Chain {
     }
 
     fn restart(&mut self) {
-        self.is_current = false;
+        self.projection.restart();
         match &mut self.source {
             Source::Frames(frames) => frames.restart(),
             Source::Arm(arm) => arm.restart(),

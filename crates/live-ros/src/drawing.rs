@@ -1,12 +1,19 @@
 //! Drawn shapes, independent of the program that shows them, and their form as ROS 2 markers.
 
 use bag::messages::{Color, Duration, Header, Marker, MarkerArray, Point, Pose, Quaternion, Time, Vector3, marker};
-use nalgebra::{Matrix2, UnitQuaternion};
+use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion};
 use testbed::contour::Contour;
-use testbed::statistics::{CHI2_2_95, NORMAL_95};
+use testbed::statistics::{CHI2_2_95, CHI2_3_95, NORMAL_95};
 
 /// Probability of the drawn ellipses and bands.
 pub const COVERAGE: f64 = 0.95;
+
+/// Colours of a whisker and of its contact.
+pub(crate) const WHISKER_COLOR: [f32; 4] = [0.85, 0.85, 0.85, 1.0];
+pub(crate) const CONTACT_COLOR: [f32; 4] = [1.0, 0.3, 0.1, 0.5];
+
+/// Number of sections of a drawn whisker.
+pub(crate) const SECTIONS: u32 = 24;
 
 /// Width of drawn lines and smallest diameter of an ellipse (m).
 const LINE_M: f64 = 6e-4;
@@ -21,6 +28,37 @@ pub enum Form {
     Ellipsoid(Pose, [f64; 3]),
     /// Triangles, three points each.
     Triangles(Vec<Point>),
+}
+
+impl Form {
+    /// Line through points.
+    pub(crate) fn line(points: impl IntoIterator<Item = nalgebra::Vector3<f64>>) -> Self {
+        Self::Line(points.into_iter().map(point).collect(), LINE_M)
+    }
+
+    /// Ellipsoid that contains a point of this covariance (m2) with probability [`COVERAGE`]. `None` if it is not finite.
+    pub(crate) fn ellipsoid(at: nalgebra::Vector3<f64>, covariance_m2: &Matrix3<f64>) -> Option<Self> {
+        let eigen = covariance_m2.symmetric_eigen();
+        let diameters = eigen.eigenvalues.map(|variance_m2| diameter_m(CHI2_3_95, variance_m2));
+        // The sign of an axis does not matter; those of a rotation are right-handed.
+        let axes = eigen.eigenvectors * eigen.eigenvectors.determinant().signum();
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let pose = Pose { position: point(at), orientation: quaternion(&rotation) };
+        diameters.iter().all(|diameter| diameter.is_finite()).then_some(Self::Ellipsoid(pose, diameters.into()))
+    }
+}
+
+/// Diameter of an ellipse along an axis of this variance, for a quantile of the squared distance.
+fn diameter_m(quantile: f64, variance_m2: f64) -> f64 {
+    (2.0 * (quantile * variance_m2.max(0.0)).sqrt()).max(LEAST_M)
+}
+
+pub(crate) fn point(at: nalgebra::Vector3<f64>) -> Point {
+    Point { x: at.x, y: at.y, z: at.z }
+}
+
+pub(crate) fn quaternion(of: &UnitQuaternion<f64>) -> Quaternion {
+    Quaternion { x: of.i, y: of.j, z: of.k, w: of.w }
 }
 
 /// A drawn shape.
@@ -91,30 +129,28 @@ impl Drawing {
 
 /// Place of the plane of a whisker in the fixed frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct InSpace {
+pub(crate) struct PlacedPlane {
     pub(crate) rotation: UnitQuaternion<f64>,
     pub(crate) height_m: f64,
 }
 
-impl InSpace {
+impl PlacedPlane {
     /// A point of the plane.
     pub(crate) fn point(&self, x_m: f64, y_m: f64) -> Point {
-        let at = self.rotation * nalgebra::Vector3::new(x_m, y_m, self.height_m);
-        Point { x: at.x, y: at.y, z: at.z }
+        point(self.rotation * nalgebra::Vector3::new(x_m, y_m, self.height_m))
     }
 
     /// Orientation of axes that are turned in the plane.
     pub(crate) fn orientation(&self, yaw_rad: f64) -> Quaternion {
         let turned = self.rotation * UnitQuaternion::from_axis_angle(&nalgebra::Vector3::z_axis(), yaw_rad);
-        Quaternion { x: turned.i, y: turned.j, z: turned.k, w: turned.w }
+        quaternion(&turned)
     }
 
     /// Ellipse that contains a point of this covariance with probability [`COVERAGE`].
     pub(crate) fn ellipse(&self, at: (f64, f64), covariance_m2: &Matrix2<f64>) -> Option<Form> {
         let eigen = covariance_m2.symmetric_eigen();
-        let diameter_m = |variance_m2: f64| (2.0 * (CHI2_2_95 * variance_m2).sqrt()).max(LEAST_M);
         let along = eigen.eigenvectors.column(0);
-        let [x, y] = [eigen.eigenvalues[0], eigen.eigenvalues[1]].map(|variance_m2| diameter_m(variance_m2.max(0.0)));
+        let [x, y] = [eigen.eigenvalues[0], eigen.eigenvalues[1]].map(|variance_m2| diameter_m(CHI2_2_95, variance_m2));
         let pose = Pose { position: self.point(at.0, at.1), orientation: self.orientation(along.y.atan2(along.x)) };
         (x.is_finite() && y.is_finite()).then_some(Form::Ellipsoid(pose, [x, y, LINE_M]))
     }

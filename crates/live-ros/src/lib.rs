@@ -2,17 +2,17 @@
 //! maps and diagnostics out.
 //!
 //! ```text
-//! messages -> Router -> Whisker: counts -> readings, transforms or joint angles -> pose in the plane -> live::LiveEstimator
+//! messages -> Router -> Whisker: counts -> readings, transforms or joint angles -> pose -> live::LiveEstimator
 //!                          -> contacts (PoseWithCovarianceStamped), shapes (Drawing), states (DiagnosticStatus)
-//!                          -> observations -> Mapper -> map (OccupancyGrid) and objects
+//!                          -> observations -> Mapper -> map (OccupancyGrid or PointCloud2) and objects
 //! ```
 //!
 //! | item | contents |
 //! | --- | --- |
 //! | [`Mapping`] | the file that names topics, frames and calibrations |
 //! | [`Setup`] | whiskers of a mapping, and the [`Router`] of messages to them |
-//! | [`Whisker`] | estimator of one whisker on its messages |
-//! | [`Chain`] | pose of a base by a chain of transforms or joints, each interpolated in time, and its plane |
+//! | [`Whisker`] | estimator of one whisker on its messages, in the plane or in space |
+//! | [`Plane`] | plane of planar estimators, on which the poses of a base are projected |
 //! | [`Drawing`], [`Mapper`] | shapes and maps |
 //!
 //! The crate opens no socket and starts no thread: each message is passed with the time of its arrival. `ros2-node contact`
@@ -26,16 +26,17 @@ mod epoch;
 mod frames;
 mod map;
 mod mapping;
+mod planar;
 mod router;
 mod setup;
+mod spatial;
 mod whisker;
 
-pub use chain::{Chain, Measured, Plane};
+pub use chain::{Measured, Plane};
 pub use drawing::{COVERAGE, Drawing, Form, Shape};
 pub use epoch::Epoch;
-pub use map::{Map, Mapper};
+pub use map::{Map, Mapper, Observed};
 pub use mapping::{Axis, CountsEntry, CountsMessage, Mapping, PlaneEntry, WhiskerEntry};
 pub use router::{Routed, Router, Topic};
 pub use setup::Setup;
-pub use testbed::map::View;
 pub use whisker::{Contact, Input, Latency, Taken, Whisker};

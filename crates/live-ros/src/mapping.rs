@@ -40,7 +40,7 @@ pub struct Mapping {
     /// Topic of the joint states, used with `urdf`.
     #[serde(default = "joint_states")]
     pub joint_states: String,
-    /// Plane of the estimators and tolerance of the poses.
+    /// Plane of planar estimators and tolerance of the poses.
     #[serde(default)]
     pub plane: PlaneEntry,
     /// Estimator of the registry.
@@ -58,7 +58,7 @@ pub struct Mapping {
     /// Longest waits and gaps.
     #[serde(default)]
     pub timing: Timing,
-    /// Settings of the map.
+    /// Settings of the map in the plane.
     #[serde(default)]
     pub map: MapConfig,
     /// Whiskers.
@@ -91,7 +91,8 @@ pub struct WhiskerEntry {
     pub name: String,
     /// Calibration file, relative to the folder of the mapping.
     pub calibration: PathBuf,
-    /// Frame at the root of the whisker: +x along the undeflected root, z normal to the plane.
+    /// Frame at the root of the whisker: +x along the undeflected root, z normal to the plane of the curved wire and, of planar
+    /// estimators, to the plane of the motion.
     #[serde(default = "base_frame")]
     pub base_frame: String,
     /// Nominal rate of the readings (Hz).
@@ -99,10 +100,10 @@ pub struct WhiskerEntry {
     /// Standard deviation of the measurement noise. Missing: that of the sensor's calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_sd_n_m: Option<f64>,
-    /// Topic of the moment. Missing: `counts` is given.
+    /// Topic of the moment, of which the plane uses the component about z, space those about y and z. Missing: `counts` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moment: Option<String>,
-    /// Magnetometer. Missing: `moment` is given.
+    /// Magnetometer, in the plane. Missing: `moment` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<CountsEntry>,
 }

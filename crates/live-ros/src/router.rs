@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bag::messages::{AnyMessage, JointState, MagneticField, TfMessage, WrenchStamped};
 use bag::{Message, topics};
 use live::counts::Stream;
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::chain::{Measured, Part};
 use crate::epoch::Epoch;
@@ -119,7 +119,9 @@ impl Router {
             }
             AnyMessage::WrenchStamped(WrenchStamped { header, wrench }) => {
                 let t_s = self.epoch.seconds(&header.stamp);
-                self.readings(topic, t_s, routed, |of| (of == Use::Moment).then_some(Content::Moment(wrench.torque.z)));
+                let torque = &wrench.torque;
+                let moment_n_m = Vector3::new(torque.x, torque.y, torque.z);
+                self.readings(topic, t_s, routed, |of| (of == Use::Moment).then_some(Content::Moment(moment_n_m)));
             }
             AnyMessage::MagneticField(field) => self.field(topic, field, routed),
             AnyMessage::MagneticFieldArray(fields) => {

@@ -9,37 +9,44 @@ use live::LiveEstimator;
 use live::counts::{Counts, Sensor};
 use serde_json::Value;
 use testbed::fitted_traces::check_fitted_traces;
-use testbed::map::Observer;
+use testbed::map::{MapConfig, Observer};
 use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
-use trace::{CalibrationFile, CrossTalk, SensorFile};
+use testbed::space::SpatialRunWhisker;
+use testbed::space::replay::{knowledge, read_calibration};
+use trace::{CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
+use whisker::space::estimators::{SPATIAL_ESTIMATORS, SpatialEstimatorRow};
 
 use crate::arm::{Arm, read_urdf};
-use crate::chain::{Chain, Source};
+use crate::chain::{Chain, InSpace, OnPlane, Source};
 use crate::epoch::Epoch;
 use crate::frames::Frames;
-use crate::mapping::{CountsEntry, Mapping, WhiskerEntry};
+use crate::mapping::{CountsEntry, Mapping, PlaneEntry, WhiskerEntry};
+use crate::planar::PlanarSide;
 use crate::router::Router;
-use crate::whisker::{Fixed, Whisker};
+use crate::spatial::SpatialSide;
+use crate::whisker::{Estimation, Fixed, Whisker};
 
 /// Whiskers of a mapping, ready to estimate.
 pub struct Setup {
     /// The mapping.
     pub mapping: Mapping,
-    /// The whiskers, in its order.
-    pub whiskers: Vec<Whisker>,
+    /// Whether the estimators are those of space, because the calibrations are.
+    pub is_in_space: bool,
+    /// The whiskers, in the order of the mapping.
+    pub whiskers: Vec<Box<dyn Whisker>>,
     /// The way of messages to them.
     pub router: Router,
 }
 
 /// Parts that the whiskers have in common.
-struct Common<'a> {
+struct Common<'a, R: 'static> {
     path: &'a Path,
     mapping: &'a Mapping,
     robot: Option<urdf_rs::Robot>,
-    row: &'static EstimatorRow,
+    row: &'static R,
     config: Value,
     epoch: Epoch,
 }
@@ -51,35 +58,138 @@ impl Setup {
     /// If a file cannot be read or is invalid, or the files contradict each other.
     pub fn read(path: &Path) -> anyhow::Result<Self> {
         let mapping = Mapping::read(path)?;
-        let row = ESTIMATORS.iter().find(|row| row.name == mapping.estimator).ok_or_else(|| {
-            let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
-            Error::value(path, "estimator", format!("`{}`", mapping.estimator), format!("one of {}", known.join(", ")))
-        })?;
-        let config =
-            merged((row.defaults)(), &mapping.config).with_context(|| format!("{}: config", path.display()))?;
-        let robot = mapping.urdf.as_ref().map(|urdf| read_urdf(&beside(path, urdf))).transpose()?;
+        let is_in_space = is_in_space(path, &mapping)?;
         let epoch = Epoch::default();
         let mut router = Router::new(&mapping, epoch.clone());
-        let common = Common { path, mapping: &mapping, robot, row, config, epoch };
-        let whiskers = (0..mapping.whiskers.len()).map(|index| common.whisker(index, &mut router));
-        Ok(Self { whiskers: whiskers.collect::<Result<_, _>>()?, router, mapping })
+        let indices = 0..mapping.whiskers.len();
+        let whiskers = if is_in_space {
+            check_of_space(path, &mapping)?;
+            let row = registered(path, &mapping, SPATIAL_ESTIMATORS, |row| row.name)?;
+            let common = Common::new(path, &mapping, row, row.defaults(), epoch)?;
+            indices.map(|index| common.in_space(index)).collect::<Result<_, _>>()?
+        } else {
+            let row = registered(path, &mapping, ESTIMATORS, |row| row.name)?;
+            let common = Common::new(path, &mapping, row, (row.defaults)(), epoch)?;
+            indices.map(|index| common.in_plane(index, &mut router)).collect::<Result<_, _>>()?
+        };
+        Ok(Self { is_in_space, whiskers, router, mapping })
     }
 }
 
-impl Common<'_> {
-    fn whisker(&self, index: usize, router: &mut Router) -> anyhow::Result<Whisker> {
+/// Whether the calibrations of a mapping are those of space.
+fn is_in_space(path: &Path, mapping: &Mapping) -> anyhow::Result<bool> {
+    let mut in_space = 0;
+    for entry in &mapping.whiskers {
+        in_space += usize::from(is_spatial(&beside(path, &entry.calibration))?);
+    }
+    match in_space {
+        0 => Ok(false),
+        count if count == mapping.whiskers.len() => Ok(true),
+        count => {
+            let found = format!("{count} calibrations in space among {}", mapping.whiskers.len());
+            Err(Error::value(path, "whiskers", found, "calibrations in the plane or in space alone").into())
+        }
+    }
+}
+
+/// Checks that a mapping of whiskers in space has no settings of the plane.
+fn check_of_space(path: &Path, mapping: &Mapping) -> Result<(), Error> {
+    let refused = |key: &str, expected| Err(Error::value(path, key, "a value, with calibrations in space", expected));
+    if mapping.plane != PlaneEntry::default() {
+        return refused("plane", "none: no pose is projected on a plane");
+    }
+    if mapping.map != MapConfig::default() {
+        return refused("map", "none: its settings are those of maps in the plane");
+    }
+    match mapping.whiskers.iter().position(|whisker| whisker.counts.is_some()) {
+        Some(index) => refused(&format!("whiskers[{index}].counts"), "the topic of the moment"),
+        None => Ok(()),
+    }
+}
+
+/// Row of the estimator that a mapping names.
+fn registered<R>(
+    path: &Path,
+    mapping: &Mapping,
+    rows: &'static [R],
+    name: fn(&R) -> &'static str,
+) -> Result<&'static R, Error> {
+    rows.iter().find(|&row| name(row) == mapping.estimator).ok_or_else(|| {
+        let known: Vec<_> = rows.iter().map(name).collect();
+        Error::value(path, "estimator", format!("`{}`", mapping.estimator), format!("one of {}", known.join(", ")))
+    })
+}
+
+impl<'a, R> Common<'a, R> {
+    fn new(
+        path: &'a Path,
+        mapping: &'a Mapping,
+        row: &'static R,
+        defaults: Value,
+        epoch: Epoch,
+    ) -> anyhow::Result<Self> {
+        let config = merged(defaults, &mapping.config).with_context(|| format!("{}: config", path.display()))?;
+        let robot = mapping.urdf.as_ref().map(|urdf| read_urdf(&beside(path, urdf))).transpose()?;
+        Ok(Self { path, mapping, robot, row, config, epoch })
+    }
+
+    fn fixed(&self, entry: &WhiskerEntry) -> Fixed {
+        Fixed { name: entry.name.clone(), frame: self.mapping.fixed_frame.clone(), epoch: self.epoch.clone() }
+    }
+
+    fn source(&self, entry: &WhiskerEntry) -> Result<Source, Error> {
+        let (fixed, base) = (&self.mapping.fixed_frame, &entry.base_frame);
+        match (&self.robot, &self.mapping.urdf) {
+            (Some(robot), Some(urdf)) => Ok(Source::Arm(Arm::new(&beside(self.path, urdf), robot, fixed, base)?)),
+            _ => Ok(Source::Frames(Frames::new(fixed, base))),
+        }
+    }
+
+    /// Place of an error in the settings of the estimator.
+    fn in_config(&self) -> String {
+        format!("{}: config", self.path.display())
+    }
+
+    /// The error of a mapping that names a moment, with a calibration of the counts of a sensor.
+    fn no_moments(&self, index: usize) -> Error {
+        let found = "moment, with a calibration of a sensor's counts";
+        Error::value(self.path, format!("whiskers[{index}].moment"), found, "counts, or a calibration of moments")
+    }
+}
+
+impl Common<'_, SpatialEstimatorRow> {
+    fn in_space(&self, index: usize) -> anyhow::Result<Box<dyn Whisker>> {
+        let entry = &self.mapping.whiskers[index];
+        let chain = Chain::new(self.source(entry)?, InSpace);
+        let file = beside(self.path, &entry.calibration);
+        let calibration = read_calibration(&file)?;
+        if calibration.front_end.is_some() {
+            return Err(self.no_moments(index).into());
+        }
+        let noise_sd_n_m = entry.noise_sd_n_m.context("noise_sd_n_m: found none, expected that of the moment")?;
+        let knowledge = knowledge(&calibration.calibrated(&file, None)?, noise_sd_n_m, None, entry.rate_hz);
+        let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
+        let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
+        let estimator = LiveEstimator::in_space_with_motion(Box::new(build), &knowledge, self.mapping.timing, chain)
+            .with_context(|| self.in_config())?;
+        let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = calibration;
+        let side = SpatialSide::new(&SpatialRunWhisker { whisker, suspension, poisson_ratio }, knowledge)?;
+        Ok(Box::new(Estimation::new(self.fixed(entry), side, estimator, None)))
+    }
+}
+
+impl Common<'_, EstimatorRow> {
+    fn in_plane(&self, index: usize, router: &mut Router) -> anyhow::Result<Box<dyn Whisker>> {
         let entry = &self.mapping.whiskers[index];
         let plane = self.mapping.plane.plane();
-        let chain = Chain::new(self.source(entry)?, plane);
+        let chain = Chain::new(self.source(entry)?, OnPlane::new(plane));
         let file = beside(self.path, &entry.calibration);
         let calibration = CalibrationFile::read(&file)?;
         check_fitted_traces(&file, &calibration)?;
         let labelled = |label: Option<&str>| calibration.sensor_of_counts(&file, label);
         let sensor = entry.counts.as_ref().map(|counts| labelled(counts.sensor.as_deref())).transpose()?.cloned();
         if entry.moment.is_some() && calibration.front_end.is_some() {
-            let found = "moment, with a calibration of a sensor's counts";
-            let key = format!("whiskers[{index}].moment");
-            return Err(Error::value(self.path, key, found, "counts, or a calibration of moments").into());
+            return Err(self.no_moments(index).into());
         }
         let knowledge = Arc::new(Knowledge {
             whisker: calibration.whisker.clone(),
@@ -106,18 +216,10 @@ impl Common<'_> {
         let build = move || estimator(row, &config, TouchConfig::default(), &of_build, &name, seed);
         let looks_back = row.class == MethodClass::Hindsight;
         let estimator = LiveEstimator::with_motion(Box::new(build), &knowledge, looks_back, self.mapping.timing, chain)
-            .with_context(|| format!("{}: config", self.path.display()))?;
+            .with_context(|| self.in_config())?;
         let observer = Observer::new(&knowledge, index, &self.mapping.map)?;
-        let (name, frame, epoch) = (entry.name.clone(), self.mapping.fixed_frame.clone(), self.epoch.clone());
-        Whisker::new(Fixed { name, frame, plane, knowledge, epoch }, estimator, counts, observer)
-    }
-
-    fn source(&self, entry: &WhiskerEntry) -> Result<Source, Error> {
-        let (fixed, base) = (&self.mapping.fixed_frame, &entry.base_frame);
-        match (&self.robot, &self.mapping.urdf) {
-            (Some(robot), Some(urdf)) => Ok(Source::Arm(Arm::new(&beside(self.path, urdf), robot, fixed, base)?)),
-            _ => Ok(Source::Frames(Frames::new(fixed, base))),
-        }
+        let side = PlanarSide::new(plane, knowledge, observer)?;
+        Ok(Box::new(Estimation::new(self.fixed(entry), side, estimator, counts)))
     }
 
     /// Conversion of the counts of a whisker.

@@ -9,7 +9,7 @@ use bag::messages::{
     TransformStamped, Vector3, Wrench, WrenchStamped,
 };
 use indicatif::ProgressBar;
-use live_ros::{Drawing, Form, Latency, Mapper, Setup, Taken, Whisker};
+use live_ros::{Drawing, Form, Latency, Mapper, Setup, Taken};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::dataset::Dataset;
@@ -548,7 +548,7 @@ fn verif_shapes_and_map_show_the_contact() {
     let bench = Bench::new("golden_circle");
     let mut setup = read(&bench.mapping("outline", |_| {}));
     let taken = play(&mut setup, &bench.exported());
-    let whisker: &Whisker = &setup.whiskers[0];
+    let whisker = &setup.whiskers[0];
     let (time_ns, shapes) = whisker.shapes().expect("shapes");
     let names: Vec<&str> = shapes.iter().map(|shape| shape.name.as_str()).collect();
     for part in ["whisker", "outline", "band"] {
@@ -559,8 +559,9 @@ fn verif_shapes_and_map_show_the_contact() {
     assert_eq!(markers.len(), drawing.shapes.len());
     assert!(markers.iter().all(|marker| marker.header.frame_id == "world" && marker.lifetime.nanosec == 500_000_000));
 
-    let map = Mapper::new(&setup.mapping).map(&[whisker.view().clone()], 0.0, time_ns);
-    let grid = map.grid.expect("a grid");
+    let map = Mapper::new(&setup.mapping).map(&[whisker.observed()], time_ns);
+    let [(layer, AnyMessage::OccupancyGrid(grid))] = &map.layers[..] else { panic!("a grid") };
+    assert_eq!(*layer, "map");
     assert_eq!(grid.data.len(), (grid.info.width * grid.info.height) as usize);
     let cell = |x: f64, y: f64| {
         let size_m = f64::from(grid.info.resolution);

@@ -98,9 +98,10 @@ impl<R, P, E> Default for Output<R, P, E> {
 /// Output of an estimator in space.
 pub type SpatialOutput = Output<Vector2<f64>, SpatialPose, space::estimators::Estimate>;
 
-/// Answer and output of a kind of estimator.
-type AnswerOf<K> = Answer<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
-type OutputOf<K> = Output<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
+/// Answer of a kind of estimator.
+pub type AnswerOf<K> = Answer<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
+/// Output of a kind of estimator.
+pub type OutputOf<K> = Output<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
 
 /// Estimator of one whisker whose readings and poses arrive independently.
 ///
@@ -169,9 +170,24 @@ impl LiveEstimator<SpatialPoses, Spatial> {
         knowledge: &Arc<space::estimators::Knowledge>,
         timing: Timing,
     ) -> anyhow::Result<Self> {
+        Self::in_space_with_motion(build, knowledge, timing, SpatialPoses::default())
+    }
+}
+
+impl<M: Motion<Base = SpatialPose>> LiveEstimator<M, Spatial> {
+    /// As [`LiveEstimator::in_space`], with the poses of this motion.
+    ///
+    /// # Errors
+    /// As [`LiveEstimator::new`].
+    pub fn in_space_with_motion(
+        build: SpatialBuild,
+        knowledge: &Arc<space::estimators::Knowledge>,
+        timing: Timing,
+        motion: M,
+    ) -> anyhow::Result<Self> {
         let (rate_hz, of_build) = (knowledge.rate_hz, knowledge.clone());
         let build = move || Ok(Spatial::new(build()?, &of_build));
-        Self::of(Box::new(build), rate_hz, timing, SpatialPoses::default())
+        Self::of(Box::new(build), rate_hz, timing, motion)
     }
 }
 

@@ -98,7 +98,9 @@ pub mod wire;
 pub use clock::{Clock, Jump, Order};
 pub use counters::Counters;
 pub use disturbance::Disturbance;
-pub use estimator::{Answer, Build, LiveEstimator, Output, SpatialAnswer, SpatialBuild, SpatialOutput, Status};
+pub use estimator::{
+    Answer, AnswerOf, Build, LiveEstimator, Output, OutputOf, SpatialAnswer, SpatialBuild, SpatialOutput, Status,
+};
 pub use event::{Event, Stream};
 pub use kind::{Kind, Planar, Spatial};
 pub use motion::{Deviation, Motion, Place};

@@ -138,7 +138,7 @@ fn clone() -> tempfile::TempDir {
     let tables = [
         (CALIBRATION, curved.table(grid(9))),
         (TRIAL, curved.table(line())),
-        (SWEEPING, sweeping.table(grid(18))),
+        (SWEEPING, sweeping.table(grid(9))),
         (SWEEP, sweeping.table(line())),
     ];
     for (path, table) in tables {

@@ -37,7 +37,7 @@ impl Column {
     }
 }
 
-const COLUMNS: [Column; 14] = [
+const COLUMNS: [Column; 15] = [
     Column {
         heading: "RMSE",
         unit: "mm",
@@ -75,6 +75,14 @@ const COLUMNS: [Column; 14] = [
         unit: "%",
         meaning: "share of the instants at which the 95 % ellipsoid contains the true contact",
         value: |row| row.coverage.map(|value| 100.0 * value),
+        decimals: 0,
+        is_ranked: false,
+    },
+    Column {
+        heading: "early coverage",
+        unit: "%",
+        meaning: "the same within the first second of each touch, which no other column includes",
+        value: |row| row.early_coverage.map(|value| 100.0 * value),
         decimals: 0,
         is_ranked: false,
     },

@@ -6,9 +6,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use bag::messages::{DiagnosticArray, Header, Time};
 use bag::{Publisher, topics};
-use live_ros::{Drawing, Latency, Mapper, Shape, View};
+use live_ros::{Drawing, Latency, Mapper, Observed, Shape};
 
-use super::{NAP, Session, Shared, locked, map_topic};
+use super::{NAP, Session, Shared, layer_topic, locked};
 use crate::outlet::Outlet;
 
 /// Interval between two diagnostics without an event.
@@ -54,12 +54,12 @@ impl Session {
                 self.draw(&objects, LIFETIME * draw_every_s)?;
             }
             if maps.is_due()
-                && let Some((time_ns, views, height_m)) = self.views()
+                && let Some((time_ns, observed)) = self.observed()
             {
-                let map = mapper.map(&views, height_m, time_ns);
+                let map = mapper.map(&observed, time_ns);
                 objects = map.shapes;
-                if let Some(grid) = &map.grid {
-                    locked(&self.outlet).write(&map_topic(&self.mapping), time_ns, grid)?;
+                for (layer, message) in &map.layers {
+                    message.write(&mut *locked(&self.outlet), &layer_topic(&self.mapping, layer), time_ns)?;
                 }
                 if map.is_too_large && !std::mem::replace(&mut was_too_large, true) {
                     eprintln!("error: the observed cells extend too far for a map, which is not published");
@@ -109,17 +109,14 @@ impl Session {
         Ok(locked(&self.outlet).draw(prefix, &drawing)?)
     }
 
-    /// Observations of the whiskers, the time of the newest (ns) and the mean height of their planes. `None` before the first
-    /// used reading.
-    fn views(&self) -> Option<(u64, Vec<View>, f64)> {
-        let (mut time_ns, mut views, mut heights_m) = (None, Vec::new(), Vec::new());
+    /// The time of the newest observation (ns), and the observations of each whisker. `None` before the first used reading.
+    fn observed(&self) -> Option<(u64, Vec<Observed>)> {
+        let (mut time_ns, mut observed) = (None, Vec::new());
         for shared in &self.whiskers {
             let whisker = locked(&shared.whisker);
             time_ns = time_ns.max(whisker.newest_ns());
-            heights_m.extend(whisker.height_m());
-            views.push(whisker.view().clone());
+            observed.push(whisker.observed());
         }
-        let height_m = heights_m.iter().sum::<f64>() / heights_m.len().max(1) as f64;
-        Some((time_ns?, views, height_m))
+        Some((time_ns?, observed))
     }
 }

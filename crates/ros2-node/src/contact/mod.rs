@@ -17,7 +17,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use bag::messages::{DiagnosticArray, OccupancyGrid, PoseWithCovarianceStamped};
+use bag::messages::{DiagnosticArray, OccupancyGrid, PointCloud2, PoseWithCovarianceStamped};
 use bag::{Publisher, topics};
 use live::Event;
 use live_ros::{Drawing, Mapping, Routed, Setup, Taken, Whisker};
@@ -62,7 +62,7 @@ const MOST_NOTES: u64 = 10;
 
 /// A whisker that its thread and the drawer use.
 struct Shared {
-    whisker: Mutex<Whisker>,
+    whisker: Mutex<Box<dyn Whisker>>,
     latency: Mutex<Times>,
     /// Printed events by kind.
     notes: Mutex<BTreeMap<&'static str, u64>>,
@@ -80,7 +80,7 @@ struct Session {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let Setup { mapping, whiskers, router } = Setup::read(&arguments.mapping)?;
+    let Setup { mapping, is_in_space, whiskers, router } = Setup::read(&arguments.mapping)?;
     let stop = interrupt::asked()?;
     let mut outlet = Both {
         node: Node::new(&arguments.network)?,
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         them; confine it with --localhost-only, --interface, ROS_DOMAIN_ID or a firewall",
         arguments.network
     );
-    announce(&mut outlet, &mapping)?;
+    announce(&mut outlet, &mapping, is_in_space)?;
     let origin = Instant::now();
     let (senders, receivers): (Vec<_>, Vec<_>) = whiskers.iter().map(|_| sync_channel(AHEAD)).unzip();
     let topics = router.topics();
@@ -116,13 +116,19 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Announces the topics, so that subscribers find them before the first contact.
-fn announce(outlet: &mut Both, mapping: &Mapping) -> anyhow::Result<()> {
+fn announce(outlet: &mut Both, mapping: &Mapping, is_in_space: bool) -> anyhow::Result<()> {
     for whisker in &mapping.whiskers {
         outlet.announce::<PoseWithCovarianceStamped>(&contact_topic(mapping, &whisker.name))?;
     }
     let (frame, shapes) = (mapping.fixed_frame.clone(), Vec::new());
     outlet.draw(&mapping.prefix, &Drawing { frame, time_ns: 0, lifetime_s: 0.0, shapes })?;
-    outlet.announce::<OccupancyGrid>(&map_topic(mapping))?;
+    if is_in_space {
+        for layer in [topics::POINTS, topics::VOXELS] {
+            outlet.announce::<PointCloud2>(&layer_topic(mapping, layer))?;
+        }
+    } else {
+        outlet.announce::<OccupancyGrid>(&layer_topic(mapping, topics::MAP))?;
+    }
     Ok(outlet.announce::<DiagnosticArray>(topics::DIAGNOSTICS)?)
 }
 
@@ -130,8 +136,9 @@ fn contact_topic(mapping: &Mapping, whisker: &str) -> String {
     format!("{}/{whisker}/{}", mapping.prefix, topics::CONTACT)
 }
 
-fn map_topic(mapping: &Mapping) -> String {
-    format!("{}/{}", mapping.prefix, topics::MAP)
+/// Topic of a layer of the map.
+fn layer_topic(mapping: &Mapping, layer: &str) -> String {
+    format!("{}/{layer}", mapping.prefix)
 }
 
 impl Session {

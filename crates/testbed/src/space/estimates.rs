@@ -102,6 +102,11 @@ impl SpatialEstimateRow {
         Some(Vector3::new(self.contact_x_m?, self.contact_y_m?, self.contact_z_m?))
     }
 
+    /// Magnitude of the bending moment as given to the estimator.
+    pub fn reading_n_m(&self) -> f64 {
+        self.moment_y_n_m.hypot(self.moment_z_n_m)
+    }
+
     /// Rotation from Base to World.
     pub fn rotation(&self) -> UnitQuaternion<f64> {
         UnitQuaternion::from_quaternion(Quaternion::new(self.base_qw, self.base_qx, self.base_qy, self.base_qz))

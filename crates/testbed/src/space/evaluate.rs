@@ -281,6 +281,7 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
+            early_coverage: mean(|trial| trial.early_coverage),
             surface_m: mean(|trial| trial.surface_m),
             normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
             direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),

@@ -1,35 +1,19 @@
-//! Maps in space: the surface that whiskers touched, as points with their uncertainty, and the space that they passed through.
-//!
-//! Points of one cell are merged, weighted by the inverse of their variance. Estimates of one touch have errors in common; the
-//! covariance of a merged point is therefore that of its most certain estimate, not that of a mean of independent ones.
+//! Maps in space: the surface that whiskers touched, as points with their uncertainty and as a mesh, and the space that they
+//! passed through.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
-use whisker::space::frames::Point;
 use whisker::space::surface::OrientedPoint;
 
 pub use super::rows::{Occupancy, VoxelRow};
 use super::solid::Solid;
 use super::surface::SurfaceMesh;
-use super::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire};
-
-/// Edge of the cells in which points are merged.
-const CELL_M: f64 = 0.5e-3;
-
-/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the beginning of a touch have
-/// larger ones.
-const MOST_SD_M: f64 = 1e-3;
+use super::view::{Cell, Index, SpatialObserver, SpatialView, VOXEL_M, index};
+use super::{SpatialEstimateRow, SpatialRunWhisker};
 
 /// Smallest distance between the points of two objects.
 const GAP_M: f64 = 10e-3;
-
-/// Edge of the voxels of the occupancy grid.
-const VOXEL_M: f64 = 2e-3;
-
-/// Reading relative to the largest one of its sweep, up to which a whisker without an estimate counts as undeflected: above the
-/// measurement noise, and at a deflection of less than a voxel.
-const FREE_SHARE: f64 = 0.05;
 
 /// Standard deviations at the ends of the colour scale, which is logarithmic.
 const COLOUR_ENDS_M: [f64; 2] = [10e-6, 1e-3];
@@ -82,55 +66,39 @@ pub struct SpatialMap {
     pub surface: SurfaceMesh,
 }
 
-/// Index of a cell or voxel.
-type Index = [i64; 3];
-
-fn index(point: Vector3<f64>, edge_m: f64) -> Index {
-    [point.x, point.y, point.z].map(|coordinate_m| (coordinate_m / edge_m).floor() as i64)
-}
-
 impl SpatialMap {
     /// The map of some sweeps.
     ///
     /// # Errors
     /// If a whisker has invalid parameters.
     pub fn new(sweeps: &[Sweep<'_>]) -> anyhow::Result<Self> {
-        let mut cells: BTreeMap<Index, Merged> = BTreeMap::new();
-        let mut voxels: BTreeMap<Index, Occupancy> = BTreeMap::new();
-        let mut left_out = 0;
-        let mut contacts: Vec<OrientedPoint> = Vec::new();
-        let mut touch = 0;
+        let (mut view, mut oriented, mut touches) = (SpatialView::default(), Vec::new(), 0);
         for sweep in sweeps {
-            touch += 1;
-            for row in sweep.rows {
-                // Estimates between two instants without one are those of one touch.
-                touch += usize::from(row.contact_m().is_none());
-                match surface_of(row) {
-                    Some((at, normal, covariance_m2)) => {
-                        cells.entry(index(at, CELL_M)).or_default().add(at, normal, covariance_m2);
-                        contacts.extend(oriented(row, at, normal, &covariance_m2, touch));
-                    }
-                    None => left_out += usize::from(row.contact_m().is_some()),
-                }
-            }
-            passed(sweep, &mut voxels)?;
+            let largest_n_m = sweep.rows.iter().map(SpatialEstimateRow::reading_n_m).fold(0.0, f64::max);
+            let mut observer = SpatialObserver::new(sweep.whisker, largest_n_m)?;
+            let found = sweep.rows.iter().filter_map(|row| observer.observe(row, &mut view));
+            oriented.extend(found.map(|(cell, of)| (cell, OrientedPoint { touch: touches + of.touch, ..of })));
+            touches += observer.touches();
         }
-        let mut points: Vec<SurfacePoint> = cells.values().map(Merged::point).collect();
+        let map = Self::of(&view);
+        let object_of: BTreeMap<Cell, usize> =
+            view.cells.keys().copied().zip(map.points.iter().map(|point| point.object)).collect();
+        let mut objects = vec![Vec::new(); map.objects()];
+        oriented.into_iter().for_each(|(cell, point)| objects[object_of[&cell]].push(point));
+        Ok(Self { surface: SurfaceMesh::new(&objects), ..map })
+    }
+
+    /// The map of some observations, without the surfaces of the objects, whose computation takes some seconds.
+    pub fn of(view: &SpatialView) -> Self {
+        let mut points: Vec<SurfacePoint> = view.points().collect();
         tell_apart(&mut points);
-        let object_of: BTreeMap<Index, usize> =
-            cells.into_keys().zip(&points).map(|(cell, point)| (cell, point.object)).collect();
-        let mut objects: Vec<Vec<OrientedPoint>> = Vec::new();
-        for contact in contacts {
-            let object = object_of[&index(contact.at.vector(), CELL_M)];
-            objects.resize(objects.len().max(object + 1), Vec::new());
-            objects[object].push(contact);
-        }
+        let mut voxels = view.voxels.clone();
         voxels.extend(points.iter().map(|point| (index(point.at, VOXEL_M), Occupancy::Occupied)));
         let center = |at: i64| VOXEL_M * (at as f64 + 0.5);
         let row =
             |([x, y, z], state): (Index, Occupancy)| VoxelRow { x_m: center(x), y_m: center(y), z_m: center(z), state };
-        let (voxels, surface) = (voxels.into_iter().map(row).collect(), SurfaceMesh::new(&objects));
-        Ok(Self { points, left_out, voxels, surface })
+        let voxels = voxels.into_iter().map(row).collect();
+        Self { points, left_out: view.left_out, voxels, surface: SurfaceMesh::default() }
     }
 
     /// Number of objects.
@@ -153,39 +121,6 @@ pub(super) fn colour(sd_m: f64) -> [u8; 3] {
     let step = (share.floor() as usize).min(COLOURS.len() - 2);
     let between = share - step as f64;
     std::array::from_fn(|i| (COLOURS[step][i] + between * (COLOURS[step + 1][i] - COLOURS[step][i])).round() as u8)
-}
-
-/// Points of one cell.
-#[derive(Default)]
-struct Merged {
-    weight: f64,
-    at: Vector3<f64>,
-    normal: Vector3<f64>,
-    surest_m2: Option<Matrix3<f64>>,
-    estimates: usize,
-}
-
-impl Merged {
-    fn add(&mut self, at: Vector3<f64>, normal: Vector3<f64>, covariance_m2: Matrix3<f64>) {
-        let weight = 1.0 / covariance_m2.trace().max(f64::MIN_POSITIVE);
-        self.weight += weight;
-        self.at += weight * at;
-        self.normal += weight * normal;
-        self.estimates += 1;
-        if self.surest_m2.is_none_or(|known| covariance_m2.trace() < known.trace()) {
-            self.surest_m2 = Some(covariance_m2);
-        }
-    }
-
-    fn point(&self) -> SurfacePoint {
-        SurfacePoint {
-            at: self.at / self.weight,
-            normal: self.normal.try_normalize(0.0).unwrap_or_default(),
-            covariance_m2: self.surest_m2.unwrap_or_default(),
-            estimates: self.estimates,
-            object: 0,
-        }
-    }
 }
 
 /// Numbers the objects: points belong to one object if a chain of points with smaller steps than the gap connects them.
@@ -211,46 +146,6 @@ fn tell_apart(points: &mut [SurfacePoint]) {
     for (point, object) in points.iter_mut().zip(object_of) {
         point.object = object.expect("every point has been visited");
     }
-}
-
-/// Marks the voxels through which the whisker of a sweep passed as free, where its shape is known: deflected through an estimate
-/// that enters the map, or undeflected while there is no estimate and the readings are small. Without an estimate a large reading
-/// means that the whisker touches in an unknown place.
-fn passed(sweep: &Sweep<'_>, voxels: &mut BTreeMap<Index, Occupancy>) -> anyhow::Result<()> {
-    let wire = SpatialWire::new(sweep.whisker)?;
-    let count = (2.0 * sweep.whisker.whisker.length_m / VOXEL_M).ceil() as usize + 1;
-    let reading_n_m = |row: &SpatialEstimateRow| row.moment_y_n_m.hypot(row.moment_z_n_m);
-    let largest_n_m = sweep.rows.iter().map(reading_n_m).fold(0.0, f64::max);
-    for row in sweep.rows {
-        let contact = row.contact_m();
-        let is_known = match contact {
-            Some(_) => surface_of(row).is_some(),
-            None => reading_n_m(row) <= FREE_SHARE * largest_n_m,
-        };
-        // An estimate out of reach has no shape.
-        let Some(points) = is_known.then(|| wire.points_m(row, contact, count)).flatten() else { continue };
-        voxels.extend(points.into_iter().map(|point| (index(point, VOXEL_M), Occupancy::Free)));
-    }
-    Ok(())
-}
-
-/// Point of the surface, normal and covariance of an estimate that enters a map: one within the calibrated domain, and certain
-/// enough.
-fn surface_of(row: &SpatialEstimateRow) -> Option<(Vector3<f64>, Vector3<f64>, Matrix3<f64>)> {
-    let (at, normal, covariance_m2) = (row.surface_m()?, row.normal()?, row.covariance_m2()?);
-    (row.calibrated == Some(true) && covariance_m2.trace().sqrt() <= MOST_SD_M).then_some((at, normal, covariance_m2))
-}
-
-/// The point of an estimate for the surface. `None` if it does not state how certain its normal is.
-fn oriented(
-    row: &SpatialEstimateRow,
-    at: Vector3<f64>,
-    normal: Vector3<f64>,
-    covariance_m2: &Matrix3<f64>,
-    touch: usize,
-) -> Option<OrientedPoint> {
-    let sd_m = normal.dot(&(covariance_m2 * normal)).max(0.0).sqrt();
-    Some(OrientedPoint { at: Point::from_vector(at), normal, sd_m, normal_sd_rad: row.normal_sd_rad?, touch })
 }
 
 #[cfg(test)]

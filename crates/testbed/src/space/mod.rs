@@ -28,6 +28,8 @@ pub mod solid;
 pub mod surface;
 pub mod trial;
 #[cfg(feature = "evaluation")]
+pub mod view;
+#[cfg(feature = "evaluation")]
 mod wire;
 
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use nalgebra::Vector3;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use trace::{SpatialInstant, SpatialTrace, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge, Radius};
@@ -70,6 +71,9 @@ struct Sums {
     direction_bound: f64,
     rods: usize,
     covered: usize,
+    /// Instants before [`START_S`] with an estimate, and those of them at which its ellipsoid contains the true contact.
+    early: usize,
+    early_covered: usize,
     surface: f64,
     normal: f64,
     direction: f64,
@@ -119,7 +123,13 @@ impl SpatialTrial {
         let within = [within(1.0)?, within(3.0)?];
         let mut sums = Sums::default();
         for (i, (bound, estimate)) in self.bound.iter().zip(estimates).enumerate() {
-            if let Some(bound) = bound.filter(|bound| bound.since_touch_s >= START_S) {
+            let is_early = bound.is_some_and(|bound| bound.since_touch_s < START_S);
+            if let Some((_, nees)) = estimate.as_ref().filter(|_| is_early).and_then(|estimate| self.error(i, estimate))
+            {
+                sums.early += 1;
+                sums.early_covered += usize::from(nees.is_some_and(|nees| nees <= within[1]));
+            }
+            if let Some(bound) = bound.filter(|_| !is_early) {
                 if self.expected[i] {
                     sums.expected += 1;
                     sums.expected_answered += usize::from(estimate.is_some());
@@ -169,6 +179,7 @@ impl SpatialTrial {
             object_bound_m: of_bound(sums.object_bound, sums.objects),
             nees: sums.last_nees,
             coverage: mean(sums.covered as f64),
+            early_coverage: (sums.early > 0).then(|| sums.early_covered as f64 / sums.early as f64),
             surface_m: self.solid.as_ref().and_then(|_| mean(sums.surface)),
             normal_rad: of_complete(sums.normal),
             direction_rad: (sums.directions > 0).then(|| (sums.direction / sums.directions as f64).sqrt()),
@@ -188,12 +199,17 @@ impl SpatialTrial {
         })
     }
 
-    fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
-        let truth = &self.trace.truth.instants[i];
-        let Some(contact_m) = truth.contact_m() else { return };
+    /// Error of the contact in Base (m), and its normalised square. `None` if the true contact is not known.
+    fn error(&self, i: usize, estimate: &Estimate) -> Option<(Vector3<f64>, Option<f64>)> {
         let to_base = to_base(&self.trace.recording.instants[i].base);
-        let error = estimate.contact.vector() - to_base.apply(Point::from_vector(contact_m)).vector();
-        let nees = estimate.covariance_m2.cholesky().map(|factor| error.dot(&factor.solve(&error)));
+        let contact = to_base.apply(Point::from_vector(self.trace.truth.instants[i].contact_m()?));
+        let error = estimate.contact.vector() - contact.vector();
+        Some((error, estimate.covariance_m2.cholesky().map(|factor| error.dot(&factor.solve(&error)))))
+    }
+
+    fn add(&self, sums: &mut Sums, i: usize, estimate: &Estimate, bound: &SpatialBoundAt, within: f64) {
+        let Some((error, nees)) = self.error(i, estimate) else { return };
+        let (truth, to_base) = (&self.trace.truth.instants[i], to_base(&self.trace.recording.instants[i].base));
         sums.answered += 1;
         sums.contact += error.norm_squared();
         sums.bound += bound.covariance_m2.trace();

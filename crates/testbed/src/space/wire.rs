@@ -11,6 +11,8 @@ use super::{SpatialEstimateRow, SpatialRunWhisker};
 pub struct SpatialWire {
     rod: Rod,
     length_m: f64,
+    /// Tip of the undeflected whisker in Base.
+    tip_m: Vector3<f64>,
 }
 
 impl SpatialWire {
@@ -22,7 +24,14 @@ impl SpatialWire {
         let SpatialRunWhisker { whisker, suspension, poisson_ratio } = whisker;
         let rod = Rod::new(whisker, (*suspension).into(), *poisson_ratio)
             .with_context(|| format!("whisker `{}`", whisker.name))?;
-        Ok(Self { rod, length_m: whisker.length_m })
+        let tip = whisker.rest_shape().point(whisker.length_m);
+        Ok(Self { rod, length_m: whisker.length_m, tip_m: Vector3::new(tip.x(), tip.y(), 0.0) })
+    }
+
+    /// Root and tip of the undeflected whisker in World (m), with the base of `row`.
+    pub(super) fn ends_m(&self, row: &SpatialEstimateRow) -> [Vector3<f64>; 2] {
+        let root_m = row.base_m();
+        [root_m, root_m + row.rotation() * self.tip_m]
     }
 
     /// Points of the centre line in World (m) at evenly spaced arc lengths from root to tip, with the base of `row` and through a

@@ -2,7 +2,8 @@
 //!
 //! Each candidate is a fit of an object to all readings. It gives its evidence, the marginal likelihood of the readings
 //! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
-//! posterior probability. Until the first fits have ended, the priors decide. The estimate is the mean and covariance of the
+//! posterior probability. Until the first fits have ended, the priors decide, and a filter along whose object the contact slides
+//! states the estimates: those of the filters with which the fits begin assume a contact at rest. The estimate is the mean and covariance of the
 //! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
 //! prior. The models are in doubt if the innovations of the mixture are too large, as in the plane, or if the readings contradict
 //! the fits with more than half of the probability.
@@ -14,7 +15,8 @@ use nalgebra::{Matrix1, Matrix3, Vector1, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::follower::Tracker;
+use super::follower::{self, Tracker};
+use super::motion::MotionSettings;
 use super::{Direction, Estimate, Kind, Knowledge, Method, Radius, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use crate::candidates::{CANDIDATES, LEAST_KNOWN, check, refused, unknown};
 use crate::doubt::{DoubtSettings, Doubtful};
@@ -51,6 +53,9 @@ struct Candidate {
 pub(super) struct Config {
     /// The candidates.
     candidates: Vec<Candidate>,
+    /// Filter that estimates in place of the candidates that have no fitted object yet. Unused for real sensors, whose wire friction
+    /// may hold at rest. `null` if the candidates estimate themselves, by filters of a contact at rest.
+    early: Option<follower::Config>,
     /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
     /// model and of the ringing do.
     evidence_power: f64,
@@ -91,8 +96,8 @@ impl UnknownMounting {
 }
 
 impl Default for Config {
-    /// The factor and the weights of the objects along which a contact slides were chosen on random scenes in space that are not
-    /// reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable as one that
+    /// The factor, the early filter and the weights of the objects along which a contact slides were chosen on random scenes in space
+    /// that are not reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable as one that
     /// slides. Sliding over a wide object is evident from the readings. The mounting has the standard deviations of `installed` in
     /// the plane.
     fn default() -> Self {
@@ -106,6 +111,7 @@ impl Default for Config {
             [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 100.0)];
         Self {
             candidates: weights.map(candidate).into(),
+            early: Some(follower::Config::new(MotionSettings::fitted_cylinder())),
             evidence_power: 0.5,
             covariance_factor: 1.5,
             ignored_share: 0.02,
@@ -129,6 +135,7 @@ impl Settings for Config {
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("covariance_factor", self.covariance_factor, 1.0..=100.0)?;
         self.doubt.validate()?;
+        self.early.map_or(Ok(()), |early| early.validate())?;
         if let Some(UnknownMounting { place_sd_m, turn_sd_rad }) = self.mounting {
             within("mounting.place_sd_m", place_sd_m, 0.0..=0.1)?;
             within("mounting.turn_sd_rad", turn_sd_rad, 0.0..=1.0)?;
@@ -188,6 +195,7 @@ impl Method for ModelAveraging {
             before: vec![0.0; names.len()],
             names,
             trackers,
+            early: self.config.early.filter(|_| !real_sensor).map(|early| early.begin(knowledge)),
             first,
             mounting: self.config.mounting.filter(|_| real_sensor && mounting.is_none()),
             is_free: false,
@@ -202,6 +210,8 @@ struct Average {
     config: Arc<Config>,
     names: Vec<&'static str>,
     trackers: Vec<Box<dyn Tracker>>,
+    /// The early filter, which begins anew whenever it is required.
+    early: Option<Box<dyn Tracker>>,
     /// Probabilities of the candidates at the first touch.
     first: Vec<f64>,
     mounting: Option<UnknownMounting>,
@@ -226,6 +236,20 @@ impl Average {
         let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
+    }
+
+    /// Replaces the estimates of candidates without a fitted object by that of the early filter.
+    fn replace_early(&mut self, sample: &Sample, estimates: &mut [Option<Estimate>]) {
+        let Some(early) = &mut self.early else { return };
+        if self.trackers.iter().all(|tracker| tracker.is_fitted()) {
+            return early.forget();
+        }
+        let estimate = early.step(sample);
+        for (of_candidate, tracker) in estimates.iter_mut().zip(&self.trackers) {
+            if !tracker.is_fitted() {
+                *of_candidate = of_candidate.and(estimate);
+            }
+        }
     }
 
     /// The estimate, with `model_doubtful` also set if the innovations of the mixture are too large.
@@ -314,7 +338,8 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
 impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.is_free = false;
-        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+        let mut estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
+        self.replace_early(sample, &mut estimates);
         let together = self.together(&estimates);
         if self.is_another() {
             self.forget();
@@ -343,6 +368,7 @@ impl Tracker for Average {
             self.doubtful.resume();
         }
         self.is_free = true;
+        self.early.iter_mut().for_each(|early| early.release(sample));
         for (tracker, before) in self.trackers.iter_mut().zip(&mut self.before) {
             tracker.release(sample);
             *before = tracker.log_evidence().unwrap_or_default();
@@ -350,7 +376,7 @@ impl Tracker for Average {
     }
 
     fn forget(&mut self) {
-        self.trackers.iter_mut().for_each(|tracker| tracker.forget());
+        self.trackers.iter_mut().chain(&mut self.early).for_each(|tracker| tracker.forget());
         self.prior.clone_from(&self.first);
         self.before.fill(0.0);
         self.doubtful.resume();
