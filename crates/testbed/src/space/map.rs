@@ -125,26 +125,24 @@ pub(super) fn colour(sd_m: f64) -> [u8; 3] {
 
 /// Numbers the objects: points belong to one object if a chain of points with smaller steps than the gap connects them.
 fn tell_apart(points: &mut [SurfacePoint]) {
-    let mut object_of: Vec<Option<usize>> = vec![None; points.len()];
-    let mut objects = 0;
-    for first in 0..points.len() {
-        if object_of[first].is_some() {
-            continue;
-        }
+    let mut left: Vec<usize> = (0..points.len()).collect();
+    let mut object = 0;
+    while let Some(first) = left.first().copied() {
         let mut open = vec![first];
-        object_of[first] = Some(objects);
+        left.remove(0);
         while let Some(place) = open.pop() {
-            for other in 0..points.len() {
-                if object_of[other].is_none() && (points[other].at - points[place].at).norm() < GAP_M {
-                    object_of[other] = Some(objects);
+            points[place].object = object;
+            let at = points[place].at;
+            // A point that is reached is not compared again, so that maps of many points remain fast.
+            left.retain(|&other| {
+                let is_reached = (points[other].at - at).norm() < GAP_M;
+                if is_reached {
                     open.push(other);
                 }
-            }
+                !is_reached
+            });
         }
-        objects += 1;
-    }
-    for (point, object) in points.iter_mut().zip(object_of) {
-        point.object = object.expect("every point has been visited");
+        object += 1;
     }
 }
 
