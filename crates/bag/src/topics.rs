@@ -41,12 +41,12 @@ pub const SCENE: &str = "scene";
 /// [`OccupancyGrid`](crate::messages::OccupancyGrid).
 pub const MAP: &str = "map";
 /// Touched points in space, after the prefix: [`PointCloud2`](crate::messages::PointCloud2).
-pub const POINTS: &str = "points";
+pub const MAP_POINTS: &str = "map_points";
 /// Touched and free voxels in space, after the prefix: [`PointCloud2`](crate::messages::PointCloud2).
-pub const VOXELS: &str = "voxels";
+pub const MAP_VOXELS: &str = "map_voxels";
 /// Whether the last message of a topic is kept for later subscribers: static frames and maps.
 pub fn is_kept(topic: &str) -> bool {
-    topic == TF_STATIC || topic.rsplit('/').next().is_some_and(|end| [MAP, POINTS, VOXELS].contains(&end))
+    topic == TF_STATIC || topic.rsplit('/').next().is_some_and(|end| [MAP, MAP_POINTS, MAP_VOXELS].contains(&end))
 }
 
 /// States of live whiskers: [`DiagnosticArray`](crate::messages::DiagnosticArray).

@@ -1,4 +1,4 @@
-//! Motion of a whisker's base, by transforms or joints, as its estimator takes it: in space, or projected on a plane.
+//! Motion of a whisker's base from transforms or joint angles, in space or projected onto a plane.
 
 use live::{Clock, Deviation, Motion, Place, Sampled};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -8,7 +8,7 @@ use whisker::frames::{Base, Pose, World};
 use crate::arm::Arm;
 use crate::frames::{FrameTransform, Frames};
 
-/// Plane of planar estimators: that through the first used pose of a base, parallel to the x and y axes of the fixed frame turned by
+/// Plane of the planar estimators: through the first used pose of a base, parallel to the x and y axes of the fixed frame turned by
 /// `rotation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -50,10 +50,10 @@ pub(crate) trait Projection: Send {
     /// Place of a base with this pose in the fixed frame.
     fn place(&self, pose: &Isometry3<f64>) -> Place<Self::Base>;
 
-    /// Takes the pose of a reading that is used, if it is required. Default: it is not.
+    /// Called for each used reading. `pose` is evaluated only if the projection requires it; by default it is ignored.
     fn used(&mut self, _pose: impl FnOnce() -> Option<Isometry3<f64>>) {}
 
-    /// Begins anew after a jump of a clock.
+    /// Restarts after a jump of a clock.
     fn restart(&mut self) {}
 }
 
@@ -69,7 +69,7 @@ impl Projection for InSpace {
     }
 }
 
-/// Poses projected on a plane, if they lie in it within its tolerance.
+/// Poses projected onto a plane if they deviate from it by at most the tolerance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OnPlane {
     plane: Plane,

@@ -8,7 +8,7 @@ use testbed::statistics::{CHI2_2_95, CHI2_3_95, NORMAL_95};
 /// Probability of the drawn ellipses and bands.
 pub const COVERAGE: f64 = 0.95;
 
-/// Colours of a whisker and of its contact.
+/// Colours of a whisker, and of the ellipse or ellipsoid of its contact.
 pub(crate) const WHISKER_COLOR: [f32; 4] = [0.85, 0.85, 0.85, 1.0];
 pub(crate) const CONTACT_COLOR: [f32; 4] = [1.0, 0.3, 0.1, 0.5];
 
@@ -38,13 +38,16 @@ impl Form {
 
     /// Ellipsoid that contains a point of this covariance (m2) with probability [`COVERAGE`]. `None` if it is not finite.
     pub(crate) fn ellipsoid(at: nalgebra::Vector3<f64>, covariance_m2: &Matrix3<f64>) -> Option<Self> {
+        if !at.iter().chain(covariance_m2).all(|value| value.is_finite()) {
+            return None;
+        }
         let eigen = covariance_m2.symmetric_eigen();
         let diameters = eigen.eigenvalues.map(|variance_m2| diameter_m(CHI2_3_95, variance_m2));
-        // The sign of an axis does not matter; those of a rotation are right-handed.
+        // The sign of an eigenvector is arbitrary; a rotation requires right-handed axes.
         let axes = eigen.eigenvectors * eigen.eigenvectors.determinant().signum();
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let pose = Pose { position: point(at), orientation: quaternion(&rotation) };
-        diameters.iter().all(|diameter| diameter.is_finite()).then_some(Self::Ellipsoid(pose, diameters.into()))
+        Some(Self::Ellipsoid(pose, diameters.into()))
     }
 }
 
@@ -148,11 +151,14 @@ impl PlacedPlane {
 
     /// Ellipse that contains a point of this covariance with probability [`COVERAGE`].
     pub(crate) fn ellipse(&self, at: (f64, f64), covariance_m2: &Matrix2<f64>) -> Option<Form> {
+        if !covariance_m2.iter().all(|value| value.is_finite()) {
+            return None;
+        }
         let eigen = covariance_m2.symmetric_eigen();
         let along = eigen.eigenvectors.column(0);
         let [x, y] = [eigen.eigenvalues[0], eigen.eigenvalues[1]].map(|variance_m2| diameter_m(CHI2_2_95, variance_m2));
         let pose = Pose { position: self.point(at.0, at.1), orientation: self.orientation(along.y.atan2(along.x)) };
-        (x.is_finite() && y.is_finite()).then_some(Form::Ellipsoid(pose, [x, y, LINE_M]))
+        Some(Form::Ellipsoid(pose, [x, y, LINE_M]))
     }
 
     /// Line through points of the plane.

@@ -14,32 +14,35 @@ use crate::mapping::Mapping;
 /// Largest number of cells of a published grid.
 const MOST_CELLS: i64 = 4_000_000;
 
+/// Largest number of cells and voxels of a published map in space. A whisker that has more of them observes no further ones.
+pub(crate) const MOST_ENTRIES: usize = 250_000;
+
 /// Colour of the objects.
 const OBJECT_COLOR: [f32; 3] = [0.2, 0.6, 1.0];
 
 /// Observations of a whisker for the map.
 #[derive(Clone, Debug)]
 pub enum Observed {
-    /// Those in the plane.
+    /// Observations of a planar estimator.
     InPlane {
         /// The observations.
         view: View,
         /// Height of the plane above the origin of the fixed frame, along its normal (m). `None` before the first used pose.
         height_m: Option<f64>,
     },
-    /// Those in space.
+    /// Observations of an estimator in space.
     InSpace(SpatialView),
 }
 
 /// The map at one instant.
 #[derive(Clone, Debug)]
 pub struct Map {
-    /// Its layers, with the ends of their topics: in the plane an occupancy grid, unless it is too large; in space the touched points
-    /// and the voxels. None before the first observation.
+    /// Layers of the map, each with the last part of its topic's name. In the plane: the occupancy grid; empty before the first
+    /// observation, and if the grid is too large. In space: touched points and voxels, which may be empty.
     pub layers: Vec<(&'static str, AnyMessage)>,
     /// In the plane, outlines of the objects and their bands.
     pub shapes: Vec<Shape>,
-    /// Whether the observed cells extend too far for a grid.
+    /// Whether the observed cells extend too far for a map.
     pub is_too_large: bool,
 }
 
@@ -59,21 +62,29 @@ impl Mapper {
 
     /// Combines the observations of the whiskers at a time (ns). Those of whiskers in the plane are drawn at the mean height of
     /// their planes.
-    pub fn map(&self, observed: &[Observed], time_ns: u64) -> Map {
+    pub fn map(&self, observed: Vec<Observed>, time_ns: u64) -> Map {
         let header = Header { stamp: Time::from_nanoseconds(time_ns), frame_id: self.frame.clone() };
         let (mut views, mut heights_m, mut in_space) = (Vec::new(), Vec::new(), None::<SpatialView>);
         for of_whisker in observed {
             match of_whisker {
                 Observed::InPlane { view, height_m } => {
                     views.push(view);
-                    heights_m.extend(*height_m);
+                    heights_m.extend(height_m);
                 }
-                Observed::InSpace(view) => in_space.get_or_insert_default().append(view),
+                Observed::InSpace(view) => match &mut in_space {
+                    Some(of_all) => of_all.append(&view),
+                    None => in_space = Some(view),
+                },
             }
         }
         match in_space {
+            Some(view) if view.len() > MOST_ENTRIES => {
+                Map { layers: Vec::new(), shapes: Vec::new(), is_too_large: true }
+            }
             Some(view) => in_space_map(&SpatialMap::of(&view), &header),
-            None => self.in_plane(&views, statistics::mean(heights_m).unwrap_or(0.0), header),
+            None => {
+                self.in_plane(&views.iter().collect::<Vec<_>>(), statistics::mean(heights_m).unwrap_or(0.0), header)
+            }
         }
     }
 
@@ -102,7 +113,7 @@ fn in_space_map(map: &SpatialMap, header: &Header) -> Map {
     };
     let points = cloud(header, &POINT_FIELDS, map.points.iter().map(touched));
     let voxels = cloud(header, &VOXEL_FIELDS, map.voxels.iter().map(seen));
-    let layers = [(topics::POINTS, points), (topics::VOXELS, voxels)];
+    let layers = [(topics::MAP_POINTS, points), (topics::MAP_VOXELS, voxels)];
     Map {
         layers: layers.map(|(topic, cloud)| (topic, AnyMessage::PointCloud2(cloud))).into(),
         shapes: Vec::new(),
@@ -110,8 +121,9 @@ fn in_space_map(map: &SpatialMap, header: &Header) -> Map {
     }
 }
 
-/// Fields of the clouds.
+/// Fields of the points: coordinates and standard deviation in m, components of the unit normal, number of the object.
 const POINT_FIELDS: [&str; 8] = ["x", "y", "z", "normal_x", "normal_y", "normal_z", "sd", "object"];
+/// Fields of the voxels: coordinates of the centre in m, 1 if occupied or 0 if free.
 const VOXEL_FIELDS: [&str; 4] = ["x", "y", "z", "occupied"];
 
 /// Points with these fields, as single-precision numbers.

@@ -49,7 +49,7 @@ pub struct Mapping {
     /// Settings of the estimator.
     #[serde(default = "nothing")]
     pub config: Value,
-    /// Seed of methods that draw random numbers.
+    /// Seed of planar methods that draw random numbers.
     #[serde(default = "first_seed")]
     pub seed: u64,
     /// Beginning of the names of the published topics.
@@ -91,8 +91,8 @@ pub struct WhiskerEntry {
     pub name: String,
     /// Calibration file, relative to the folder of the mapping.
     pub calibration: PathBuf,
-    /// Frame at the root of the whisker: +x along the undeflected root, z normal to the plane of the curved wire and, of planar
-    /// estimators, to the plane of the motion.
+    /// Frame at the root of the whisker: +x along the undeflected root, +z normal to the plane of the undeflected wire and, with
+    /// planar estimators, to the plane of motion.
     #[serde(default = "base_frame")]
     pub base_frame: String,
     /// Nominal rate of the readings (Hz).
@@ -100,10 +100,11 @@ pub struct WhiskerEntry {
     /// Standard deviation of the measurement noise. Missing: that of the sensor's calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_sd_n_m: Option<f64>,
-    /// Topic of the moment, of which the plane uses the component about z, space those about y and z. Missing: `counts` is given.
+    /// Topic of the moment. Planar estimators use its z component, estimators in space its y and z components. Missing: `counts` is
+    /// given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moment: Option<String>,
-    /// Magnetometer, in the plane. Missing: `moment` is given.
+    /// Magnetometer, for planar estimators alone. Missing: `moment` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<CountsEntry>,
 }
@@ -184,7 +185,7 @@ fn nothing() -> Value {
 }
 
 fn first_seed() -> u64 {
-    1
+    Mapping::FIRST_SEED
 }
 
 fn prefix() -> String {
@@ -200,6 +201,9 @@ fn zeroing_s() -> f64 {
 }
 
 impl Mapping {
+    /// Default of `seed`.
+    pub(crate) const FIRST_SEED: u64 = 1;
+
     /// Reads and checks a mapping file.
     ///
     /// # Errors

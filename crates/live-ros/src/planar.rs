@@ -16,23 +16,23 @@ use whisker::frames::{Base, Point};
 use crate::chain::{OnPlane, Plane};
 use crate::drawing::{CONTACT_COLOR, PlacedPlane, SECTIONS, Shape, WHISKER_COLOR};
 use crate::map::Observed;
-use crate::whisker::{EstimatorOf, Judgement, Side};
+use crate::whisker::{Diagnosis, EstimatorOf, Geometry};
 
 /// Largest number of kept touched points, beyond which the oldest touches are dropped.
 const MOST_POINTS: usize = 50_000;
 
-/// Colour of the outline.
+/// Red, green and blue of the outline.
 const OUTLINE_COLOR: [f32; 3] = [1.0, 0.7, 0.0];
 
-/// The plane.
-pub(crate) struct PlanarSide {
+/// Planar readings, contacts, shapes and observations.
+pub(crate) struct PlanarGeometry {
     plane: Plane,
     knowledge: Arc<Knowledge>,
     observer: Observer,
     elastica: Elastica,
 }
 
-impl PlanarSide {
+impl PlanarGeometry {
     pub(crate) fn new(plane: Plane, knowledge: Arc<Knowledge>, observer: Observer) -> anyhow::Result<Self> {
         let elastica = Elastica::new(&knowledge.whisker)?;
         Ok(Self { plane, knowledge, observer, elastica })
@@ -55,7 +55,7 @@ impl PlanarSide {
     }
 }
 
-impl Side for PlanarSide {
+impl Geometry for PlanarGeometry {
     type Kind = Planar;
     type Projection = OnPlane;
 
@@ -63,8 +63,12 @@ impl Side for PlanarSide {
         moment_n_m.z
     }
 
-    fn judge(estimate: &Estimate) -> Judgement {
-        Judgement {
+    fn of_counts(reading_n_m: f64) -> Option<f64> {
+        Some(reading_n_m)
+    }
+
+    fn diagnosis(estimate: &Estimate) -> Diagnosis {
+        Diagnosis {
             is_doubtful: estimate.model_doubtful,
             nis: estimate.innovation.map(|innovation| innovation.nis),
             deviation: estimate.installation,

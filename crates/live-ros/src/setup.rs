@@ -24,16 +24,16 @@ use crate::chain::{Chain, InSpace, OnPlane, Source};
 use crate::epoch::Epoch;
 use crate::frames::Frames;
 use crate::mapping::{CountsEntry, Mapping, PlaneEntry, WhiskerEntry};
-use crate::planar::PlanarSide;
+use crate::planar::PlanarGeometry;
 use crate::router::Router;
-use crate::spatial::SpatialSide;
+use crate::spatial::SpatialGeometry;
 use crate::whisker::{Estimation, Fixed, Whisker};
 
 /// Whiskers of a mapping, ready to estimate.
 pub struct Setup {
     /// The mapping.
     pub mapping: Mapping,
-    /// Whether the estimators are those of space, because the calibrations are.
+    /// Whether calibrations and estimators are those of space.
     pub is_in_space: bool,
     /// The whiskers, in the order of the mapping.
     pub whiskers: Vec<Box<dyn Whisker>>,
@@ -63,7 +63,7 @@ impl Setup {
         let mut router = Router::new(&mapping, epoch.clone());
         let indices = 0..mapping.whiskers.len();
         let whiskers = if is_in_space {
-            check_of_space(path, &mapping)?;
+            check_spatial(path, &mapping)?;
             let row = registered(path, &mapping, SPATIAL_ESTIMATORS, |row| row.name)?;
             let common = Common::new(path, &mapping, row, row.defaults(), epoch)?;
             indices.map(|index| common.in_space(index)).collect::<Result<_, _>>()?
@@ -86,23 +86,28 @@ fn is_in_space(path: &Path, mapping: &Mapping) -> anyhow::Result<bool> {
         0 => Ok(false),
         count if count == mapping.whiskers.len() => Ok(true),
         count => {
-            let found = format!("{count} calibrations in space among {}", mapping.whiskers.len());
-            Err(Error::value(path, "whiskers", found, "calibrations in the plane or in space alone").into())
+            let found = format!("{count} of {} calibrations in space", mapping.whiskers.len());
+            Err(Error::value(path, "whiskers", found, "all calibrations in the plane or all in space").into())
         }
     }
 }
 
 /// Checks that a mapping of whiskers in space has no settings of the plane.
-fn check_of_space(path: &Path, mapping: &Mapping) -> Result<(), Error> {
-    let refused = |key: &str, expected| Err(Error::value(path, key, "a value, with calibrations in space", expected));
+fn check_spatial(path: &Path, mapping: &Mapping) -> Result<(), Error> {
+    let refused = |key: &str, expected| {
+        Err(Error::value(path, key, "a setting of planar estimators, with calibrations in space", expected))
+    };
     if mapping.plane != PlaneEntry::default() {
-        return refused("plane", "none: no pose is projected on a plane");
+        return refused("plane", "the default: no pose is projected onto a plane");
     }
     if mapping.map != MapConfig::default() {
-        return refused("map", "none: its settings are those of maps in the plane");
+        return refused("map", "the default: maps in space have no settings");
+    }
+    if mapping.seed != Mapping::FIRST_SEED {
+        return refused("seed", "the default: methods in space that draw random numbers have a seed in `config`");
     }
     match mapping.whiskers.iter().position(|whisker| whisker.counts.is_some()) {
-        Some(index) => refused(&format!("whiskers[{index}].counts"), "the topic of the moment"),
+        Some(index) => refused(&format!("whiskers[{index}].counts"), "`moment`: counts are not supported in space"),
         None => Ok(()),
     }
 }
@@ -150,10 +155,16 @@ impl<'a, R> Common<'a, R> {
         format!("{}: config", self.path.display())
     }
 
-    /// The error of a mapping that names a moment, with a calibration of the counts of a sensor.
-    fn no_moments(&self, index: usize) -> Error {
+    /// Error for a moment without the standard deviation of its noise.
+    fn no_noise(&self, index: usize) -> Error {
+        let expected = "the standard deviation of the moment's noise (N m)";
+        Error::value(self.path, format!("whiskers[{index}].noise_sd_n_m"), "none", expected)
+    }
+
+    /// Error for `moment` with a calibration of a sensor's counts.
+    fn no_moments(&self, index: usize, expected: &str) -> Error {
         let found = "moment, with a calibration of a sensor's counts";
-        Error::value(self.path, format!("whiskers[{index}].moment"), found, "counts, or a calibration of moments")
+        Error::value(self.path, format!("whiskers[{index}].moment"), found, expected)
     }
 }
 
@@ -164,17 +175,17 @@ impl Common<'_, SpatialEstimatorRow> {
         let file = beside(self.path, &entry.calibration);
         let calibration = read_calibration(&file)?;
         if calibration.front_end.is_some() {
-            return Err(self.no_moments(index).into());
+            return Err(self.no_moments(index, "a calibration of moments; counts are not supported in space").into());
         }
-        let noise_sd_n_m = entry.noise_sd_n_m.context("noise_sd_n_m: found none, expected that of the moment")?;
+        let noise_sd_n_m = entry.noise_sd_n_m.ok_or_else(|| self.no_noise(index))?;
         let knowledge = knowledge(&calibration.calibrated(&file, None)?, noise_sd_n_m, None, entry.rate_hz);
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
         let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
         let estimator = LiveEstimator::in_space_with_motion(Box::new(build), &knowledge, self.mapping.timing, chain)
             .with_context(|| self.in_config())?;
         let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = calibration;
-        let side = SpatialSide::new(&SpatialRunWhisker { whisker, suspension, poisson_ratio }, knowledge)?;
-        Ok(Box::new(Estimation::new(self.fixed(entry), side, estimator, None)))
+        let geometry = SpatialGeometry::new(&SpatialRunWhisker { whisker, suspension, poisson_ratio }, knowledge)?;
+        Ok(Box::new(Estimation::new(self.fixed(entry), geometry, estimator, None)))
     }
 }
 
@@ -189,7 +200,7 @@ impl Common<'_, EstimatorRow> {
         let labelled = |label: Option<&str>| calibration.sensor_of_counts(&file, label);
         let sensor = entry.counts.as_ref().map(|counts| labelled(counts.sensor.as_deref())).transpose()?.cloned();
         if entry.moment.is_some() && calibration.front_end.is_some() {
-            return Err(self.no_moments(index).into());
+            return Err(self.no_moments(index, "counts, or a calibration of moments").into());
         }
         let knowledge = Arc::new(Knowledge {
             whisker: calibration.whisker.clone(),
@@ -198,7 +209,7 @@ impl Common<'_, EstimatorRow> {
             noise_sd_n_m: entry
                 .noise_sd_n_m
                 .or(sensor.as_ref().map(|sensor| sensor.noise_sd_n_m))
-                .context("noise_sd_n_m: found none, expected that of the moment")?,
+                .ok_or_else(|| self.no_noise(index))?,
             base_noise: Default::default(),
             rate_hz: entry.rate_hz,
             contact_prior: None,
@@ -218,8 +229,8 @@ impl Common<'_, EstimatorRow> {
         let estimator = LiveEstimator::with_motion(Box::new(build), &knowledge, looks_back, self.mapping.timing, chain)
             .with_context(|| self.in_config())?;
         let observer = Observer::new(&knowledge, index, &self.mapping.map)?;
-        let side = PlanarSide::new(plane, knowledge, observer)?;
-        Ok(Box::new(Estimation::new(self.fixed(entry), side, estimator, counts)))
+        let geometry = PlanarGeometry::new(plane, knowledge, observer)?;
+        Ok(Box::new(Estimation::new(self.fixed(entry), geometry, estimator, counts)))
     }
 
     /// Conversion of the counts of a whisker.

@@ -1,5 +1,6 @@
 //! Live estimation of a whisker in space.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use bag::messages::{Pose, PoseWithCovariance};
@@ -12,49 +13,31 @@ use whisker::space::estimators::{Estimate, Knowledge};
 
 use crate::chain::InSpace;
 use crate::drawing::{CONTACT_COLOR, Form, SECTIONS, Shape, WHISKER_COLOR, point, quaternion};
-use crate::map::Observed;
-use crate::whisker::{EstimatorOf, Judgement, Side};
+use crate::map::{MOST_ENTRIES, Observed};
+use crate::whisker::{Diagnosis, EstimatorOf, Geometry};
 
 /// Length of the drawn normal (m), and its colour.
 const NORMAL_M: f64 = 5e-3;
 const NORMAL_COLOR: [f32; 4] = [1.0, 0.3, 0.1, 1.0];
 
-/// Space.
-pub(crate) struct SpatialSide {
+/// Spatial readings, contacts, shapes and observations.
+pub(crate) struct SpatialGeometry {
     knowledge: Arc<Knowledge>,
     wire: SpatialWire,
     observer: SpatialObserver,
     view: SpatialView,
-    /// The last answer with a pose.
-    last: Option<SpatialEstimateRow>,
 }
 
-impl SpatialSide {
+impl SpatialGeometry {
     pub(crate) fn new(whisker: &SpatialRunWhisker, knowledge: Arc<Knowledge>) -> anyhow::Result<Self> {
         let observer = SpatialObserver::new(whisker, knowledge.calibrated.largest_reading_n_m)?;
         let wire = SpatialWire::new(whisker)?;
-        Ok(Self { knowledge, wire, observer, view: SpatialView::default(), last: None })
-    }
-}
-
-impl Side for SpatialSide {
-    type Kind = Spatial;
-    type Projection = InSpace;
-
-    fn reading(moment_n_m: &Vector3<f64>) -> Vector2<f64> {
-        Vector2::new(moment_n_m.y, moment_n_m.z)
+        Ok(Self { knowledge, wire, observer, view: SpatialView::default() })
     }
 
-    fn judge(estimate: &Estimate) -> Judgement {
-        Judgement {
-            is_doubtful: estimate.model_doubtful == Some(true),
-            nis: estimate.innovation.map(|innovation| 0.5 * innovation.nis),
-            deviation: None,
-        }
-    }
-
-    fn observe(&mut self, answer: &SpatialAnswer) {
-        let SpatialAnswer { t_s, base: Some(base), reading_n_m, .. } = *answer else { return };
+    /// The answer with positions and directions in the fixed frame. `None` without a pose.
+    fn row(&self, answer: &SpatialAnswer) -> Option<SpatialEstimateRow> {
+        let SpatialAnswer { t_s, base: Some(base), reading_n_m, .. } = *answer else { return None };
         let now = SpatialInstant {
             t_s,
             base,
@@ -66,9 +49,36 @@ impl Side for SpatialSide {
             rotation: None,
         };
         let (truth, calibrated) = (SpatialTruthInstant::default(), &self.knowledge.calibrated);
-        let row = spatial_estimate_row(&now, &truth, calibrated, reading_n_m, answer.estimate.as_ref());
-        self.observer.observe(&row, &mut self.view);
-        self.last = Some(row);
+        Some(spatial_estimate_row(&now, &truth, calibrated, reading_n_m, answer.estimate.as_ref()))
+    }
+}
+
+impl Geometry for SpatialGeometry {
+    type Kind = Spatial;
+    type Projection = InSpace;
+
+    fn reading(moment_n_m: &Vector3<f64>) -> Vector2<f64> {
+        Vector2::new(moment_n_m.y, moment_n_m.z)
+    }
+
+    fn of_counts(_reading_n_m: f64) -> Option<Vector2<f64>> {
+        None
+    }
+
+    fn diagnosis(estimate: &Estimate) -> Diagnosis {
+        Diagnosis {
+            is_doubtful: estimate.model_doubtful == Some(true),
+            nis: estimate.innovation.map(|innovation| 0.5 * innovation.nis),
+            deviation: None,
+        }
+    }
+
+    fn observe(&mut self, answer: &SpatialAnswer) {
+        if self.view.len() <= MOST_ENTRIES
+            && let Some(row) = self.row(answer)
+        {
+            self.observer.observe(&row, &mut self.view);
+        }
     }
 
     fn observed(&self, _projection: &InSpace) -> Observed {
@@ -79,25 +89,29 @@ impl Side for SpatialSide {
         let (base, estimate) = (to_world(&answer.base?), answer.estimate?);
         let normal = base.turn_vector(estimate.normal);
         let turn = UnitQuaternion::rotation_between(&Vector3::x(), &normal);
-        // The opposite direction has no shortest rotation.
-        let turn = turn.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
+        // The shortest rotation to the opposite direction is not unique; one about z is chosen.
+        let turn = turn.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI));
         let mut covariance = [[0.0; 6]; 6];
         let mut enter = |of: &Matrix3<f64>, first: usize| {
             (0..3)
                 .for_each(|row| (0..3).for_each(|column| covariance[first + row][first + column] = of[(row, column)]));
         };
         enter(&base.turn(estimate.covariance_m2), 0);
-        enter(&rotations(&normal, &base.turn(estimate.normal_covariance)), 3);
+        if estimate.normal_covariance.trace() > 0.0 {
+            enter(&rotations(&normal, &base.turn(estimate.normal_covariance)), 3);
+        } else {
+            covariance[3][3] = -1.0;
+        }
         let pose = Pose { position: point(base.apply(estimate.contact).vector()), orientation: quaternion(&turn) };
         Some(PoseWithCovariance { pose, covariance })
     }
 
-    fn shapes(&self, name: &str, _answer: &SpatialAnswer, _estimator: &EstimatorOf<Self>) -> Vec<Shape> {
-        let Some(row) = &self.last else { return Vec::new() };
+    fn shapes(&self, name: &str, answer: &SpatialAnswer, _estimator: &EstimatorOf<Self>) -> Vec<Shape> {
+        let Some(row) = self.row(answer) else { return Vec::new() };
         let count = SECTIONS as usize + 1;
         let contact = row.contact_m();
-        let bent = contact.and_then(|contact| self.wire.points_m(row, Some(contact), count));
-        let wire = bent.or_else(|| self.wire.points_m(row, None, count));
+        let bent = contact.and_then(|contact| self.wire.points_m(&row, Some(contact), count));
+        let wire = bent.or_else(|| self.wire.points_m(&row, None, count));
         let ellipsoid = contact.zip(row.covariance_m2());
         let normal = row.surface_m().zip(row.normal());
         let forms = [
@@ -112,10 +126,10 @@ impl Side for SpatialSide {
     }
 }
 
-/// Covariance of small rotations about the fixed axes (rad2), from that of a unit vector that turns with them. A rotation about the
-/// vector itself, which it leaves undetermined, is left out.
+/// Covariance of small rotations about the fixed axes (rad2), from that of a unit vector that turns with them. The variance of the
+/// rotation about the vector itself, which the vector does not determine, is that of any angle.
 fn rotations(along: &Vector3<f64>, covariance: &Matrix3<f64>) -> Matrix3<f64> {
     // A rotation w changes the vector n by w x n, hence w = n x dn across n.
     let cross = along.cross_matrix();
-    cross * covariance * cross.transpose()
+    cross * covariance * cross.transpose() + along * along.transpose() * (PI * PI / 3.0)
 }

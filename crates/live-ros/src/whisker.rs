@@ -95,15 +95,15 @@ pub trait Whisker: Send {
     fn counters(&self) -> &live::Counters;
 
     /// The whisker, its contact with the ellipse or ellipsoid, and in the plane the outline of the object with its band, at the last
-    /// answer, and the time of that (ns). `None` while the poses are missing, and before the first one.
+    /// answer, with its time (ns). `None` while the poses are missing, and before the first one.
     fn shapes(&self) -> Option<(u64, Vec<Shape>)>;
 
     /// State since the last call, at `now_s` on the clock of arrivals.
     fn diagnose(&mut self, now_s: f64, latency: Latency) -> DiagnosticStatus;
 }
 
-/// Part of the estimation of a whisker that is not the same in the plane and in space.
-pub(crate) trait Side: Send {
+/// Part of the live estimation that differs between the plane and space.
+pub(crate) trait Geometry: Send {
     /// Kind of the estimator.
     type Kind: Kind;
     /// Projection of the poses.
@@ -112,10 +112,13 @@ pub(crate) trait Side: Send {
     /// Reading from the moment at the root (N m).
     fn reading(moment_n_m: &Vector3<f64>) -> <Self::Kind as Kind>::Reading;
 
-    /// What an estimate states about the estimator.
-    fn judge(estimate: &<Self::Kind as Kind>::Estimate) -> Judgement;
+    /// Reading from converted counts, which measure the moment about z alone (N m). `None` if it does not suffice.
+    fn of_counts(reading_n_m: f64) -> Option<<Self::Kind as Kind>::Reading>;
 
-    /// Takes an answer with a pose, for the map and for its shapes.
+    /// Values of an estimate for the diagnostics.
+    fn diagnosis(estimate: &<Self::Kind as Kind>::Estimate) -> Diagnosis;
+
+    /// Takes an answer with a pose, for the map.
     fn observe(&mut self, answer: &AnswerOf<Self::Kind>);
 
     /// Observations so far, for the map.
@@ -129,14 +132,14 @@ pub(crate) trait Side: Send {
 }
 
 /// Live estimator of a whisker on transforms or joints.
-pub(crate) type EstimatorOf<S> = LiveEstimator<Chain<<S as Side>::Projection>, <S as Side>::Kind>;
+pub(crate) type EstimatorOf<S> = LiveEstimator<Chain<<S as Geometry>::Projection>, <S as Geometry>::Kind>;
 
-/// What an estimate states about the estimator.
+/// Values of an estimate for the diagnostics.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Judgement {
+pub(crate) struct Diagnosis {
     /// Whether the readings contradict the models.
     pub(crate) is_doubtful: bool,
-    /// Normalised innovation squared, per degree of freedom of the reading.
+    /// Normalised innovation squared, divided by the number of components of the reading.
     pub(crate) nis: Option<f64>,
     /// Deviation of the sensor.
     pub(crate) deviation: Option<Installation>,
@@ -161,10 +164,10 @@ pub(crate) struct Fixed {
     pub(crate) epoch: Epoch,
 }
 
-/// Live estimation on one side.
-pub(crate) struct Estimation<S: Side> {
+/// Estimator of a whisker with its conversion from and to messages.
+pub(crate) struct Estimation<S: Geometry> {
     fixed: Fixed,
-    side: S,
+    geometry: S,
     estimator: EstimatorOf<S>,
     counts: Option<Counts>,
     out: OutputOf<S::Kind>,
@@ -177,20 +180,19 @@ pub(crate) struct Estimation<S: Side> {
     window: Window,
 }
 
-impl<S: Side> Estimation<S> {
-    pub(crate) fn new(fixed: Fixed, side: S, estimator: EstimatorOf<S>, counts: Option<Counts>) -> Self {
+impl<S: Geometry> Estimation<S> {
+    pub(crate) fn new(fixed: Fixed, geometry: S, estimator: EstimatorOf<S>, counts: Option<Counts>) -> Self {
         let (out, last, window) = (OutputOf::<S::Kind>::default(), None, Window::default());
-        Self { fixed, side, estimator, counts, out, last, deviation: None, answered_s: None, blocked: None, window }
+        Self { fixed, geometry, estimator, counts, out, last, deviation: None, answered_s: None, blocked: None, window }
     }
 
     /// Passes complete counts on as readings.
     fn convert(&mut self, now_s: f64) -> anyhow::Result<()> {
         while let Some(converted) = self.counts.as_mut().and_then(|counts| counts.next(now_s)) {
             let Converted { t_s, arrived_s, reading: Reading::Of(reading_n_m) } = converted else { continue };
-            // Counts measure the moment about z alone.
-            let moment_n_m = Vector3::new(f64::NAN, f64::NAN, reading_n_m);
+            let Some(reading_n_m) = S::of_counts(reading_n_m) else { continue };
             // Its arrival is that of the counts; the clock of arrivals does not run back.
-            self.estimator.reading(t_s, S::reading(&moment_n_m), arrived_s, &mut self.out)?;
+            self.estimator.reading(t_s, reading_n_m, arrived_s, &mut self.out)?;
         }
         Ok(())
     }
@@ -216,9 +218,9 @@ impl<S: Side> Estimation<S> {
             if answer.base.is_none() {
                 continue;
             }
-            self.side.observe(&answer);
+            self.geometry.observe(&answer);
             if let Some(estimate) = &answer.estimate {
-                let Judgement { is_doubtful, nis, deviation } = S::judge(estimate);
+                let Diagnosis { is_doubtful, nis, deviation } = S::diagnosis(estimate);
                 self.deviation = deviation.or(self.deviation);
                 self.window.estimates += 1;
                 self.window.doubtful += u64::from(is_doubtful);
@@ -233,14 +235,14 @@ impl<S: Side> Estimation<S> {
     }
 
     fn contact(&self, answer: &AnswerOf<S::Kind>) -> Option<Contact> {
-        let pose = self.side.contact(answer, self.estimator.motion().projection())?;
+        let pose = self.geometry.contact(answer, self.estimator.motion().projection())?;
         let time_ns = self.fixed.epoch.nanoseconds(answer.t_s);
         let header = Header { stamp: Time::from_nanoseconds(time_ns), frame_id: self.fixed.frame.clone() };
         Some(Contact { message: PoseWithCovarianceStamped { header, pose }, time_ns, arrived_s: answer.arrived_s })
     }
 }
 
-impl<S: Side> Whisker for Estimation<S> {
+impl<S: Geometry> Whisker for Estimation<S> {
     fn name(&self) -> &str {
         &self.fixed.name
     }
@@ -284,7 +286,7 @@ impl<S: Side> Whisker for Estimation<S> {
     }
 
     fn observed(&self) -> Observed {
-        self.side.observed(self.estimator.motion().projection())
+        self.geometry.observed(self.estimator.motion().projection())
     }
 
     fn counters(&self) -> &live::Counters {
@@ -293,7 +295,7 @@ impl<S: Side> Whisker for Estimation<S> {
 
     fn shapes(&self) -> Option<(u64, Vec<Shape>)> {
         let answer = self.last.as_ref().filter(|_| self.blocked.is_none())?;
-        let shapes = self.side.shapes(&self.fixed.name, answer, &self.estimator);
+        let shapes = self.geometry.shapes(&self.fixed.name, answer, &self.estimator);
         Some((self.fixed.epoch.nanoseconds(answer.t_s), shapes))
     }
 

@@ -559,7 +559,7 @@ fn verif_shapes_and_map_show_the_contact() {
     assert_eq!(markers.len(), drawing.shapes.len());
     assert!(markers.iter().all(|marker| marker.header.frame_id == "world" && marker.lifetime.nanosec == 500_000_000));
 
-    let map = Mapper::new(&setup.mapping).map(&[whisker.observed()], time_ns);
+    let map = Mapper::new(&setup.mapping).map(vec![whisker.observed()], time_ns);
     let [(layer, AnyMessage::OccupancyGrid(grid))] = &map.layers[..] else { panic!("a grid") };
     assert_eq!(*layer, "map");
     assert_eq!(grid.data.len(), (grid.info.width * grid.info.height) as usize);

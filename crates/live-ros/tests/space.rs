@@ -3,14 +3,15 @@
 #[path = "../../testbed/tests/space_dataset/mod.rs"]
 mod space_dataset;
 
+use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use bag::Reader;
 use bag::messages::{AnyMessage, Header, PointCloud2, Quaternion, TfMessage, Time, Transform, TransformStamped};
 use indicatif::ProgressBar;
-use live_ros::{Drawing, Form, Latency, Mapper, Setup, Taken};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use live_ros::{Drawing, Form, Latency, Mapper, Mapping, Setup, Taken};
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::space::fit::fit;
@@ -113,11 +114,18 @@ fn assert_same(taken: &Taken, bench: &Bench, estimator: &str, by: &Isometry3<f64
         let turned = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(turned.w, turned.x, turned.y, turned.z));
         let normal = by.rotation * base.turn_vector(estimate.normal);
         assert!((turned * Vector3::x() - normal).norm() < 1e-7, "{estimator}");
-        let trace = |first: usize| (first..first + 3).map(|i| message.pose.covariance[i][i]).sum::<f64>();
-        assert!((trace(0) / estimate.covariance_m2.trace() - 1.0).abs() < 1e-6, "{estimator}");
-        // Without the variance along the mean normal that a mixture of normals has.
-        let of_normal = estimate.normal_covariance.trace();
-        assert!((trace(3) - of_normal).abs() <= 1e-2 * of_normal, "{estimator}: {} {of_normal}", trace(3));
+        let turn = by.rotation.to_rotation_matrix();
+        let turned = |of: Matrix3<f64>| turn * base.turn(of) * turn.transpose();
+        let stated = |first: usize| Matrix3::from_fn(|i, j| message.pose.covariance[first + i][first + j]);
+        let contact = turned(estimate.covariance_m2);
+        assert!((stated(0) - contact).norm() < 1e-6 * contact.norm(), "{estimator}");
+        // Rotations w change the normal by w x n; that about the normal may be any.
+        let rotation = normal.cross_matrix() * turned(estimate.normal_covariance) * normal.cross_matrix().transpose();
+        let rotation = rotation + normal * normal.transpose() * (PI * PI / 3.0);
+        let is_stated = estimate.normal_covariance.trace() > 0.0;
+        assert!(!is_stated || (stated(3) - rotation).norm() < 1e-6 * rotation.norm(), "{estimator}");
+        assert!(is_stated || stated(3)[(0, 0)] == -1.0, "{estimator}");
+        assert!((0..3).all(|i| (3..6).all(|j| message.pose.covariance[i][j] == 0.0)));
     }
 }
 
@@ -172,6 +180,8 @@ fn verif_frames_that_tilt_give_the_same_contacts_in_space() {
 /// Points of a cloud with `N` fields.
 fn points<const N: usize>(cloud: &PointCloud2) -> Vec<[f32; N]> {
     assert_eq!((cloud.point_step as usize, cloud.fields.len()), (4 * N, N));
+    assert!(cloud.fields.iter().zip(0..).all(|(field, place)| field.offset == 4 * place && field.datatype == 7));
+    assert!(cloud.fields.iter().map(|field| field.name.as_str()).take(3).eq(["x", "y", "z"]));
     assert_eq!(cloud.data.len(), (cloud.width * cloud.point_step) as usize);
     let number = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().expect("four bytes"));
     let point = |bytes: &[u8]| std::array::from_fn(|i| number(&bytes[4 * i..4 * i + 4]));
@@ -204,11 +214,11 @@ fn verif_shapes_and_map_in_space_show_the_contact() {
     let state = setup.whiskers[0].diagnose(0.0, Latency::default());
     assert_eq!((state.level.0, state.message.as_str()), (0, "running"));
 
-    let map = Mapper::new(&setup.mapping).map(&[setup.whiskers[0].observed()], time_ns);
+    let map = Mapper::new(&setup.mapping).map(vec![setup.whiskers[0].observed()], time_ns);
     let [(first, AnyMessage::PointCloud2(touched)), (second, AnyMessage::PointCloud2(voxels))] = &map.layers[..] else {
         panic!("two clouds")
     };
-    assert_eq!((*first, *second), ("points", "voxels"));
+    assert_eq!((*first, *second), ("map_points", "map_voxels"));
     assert!(map.shapes.is_empty() && !map.is_too_large);
     let touched = points::<8>(touched);
     let off_m = |of: &[f32; 8]| {
@@ -225,7 +235,7 @@ fn verif_shapes_and_map_in_space_show_the_contact() {
 fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
     let bench = Bench::new();
     type Change<'a> = &'a dyn Fn(&mut Value);
-    let cases: [(Change<'_>, &str); 6] = [
+    let cases: [(Change<'_>, &str); 7] = [
         (
             &|of| of["estimator"] = json!("ekf"),
             "estimator: found `ekf`, expected one of recommended, batch-recommended",
@@ -233,15 +243,22 @@ fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
         (&|of| of["config"] = json!({"fade": 1}), "config"),
         (
             &|of| of["plane"] = json!({"tilt_rad": 0.1}),
-            "plane: found a value, with calibrations in space, expected none: no pose is projected on a plane",
+            "plane: found a setting of planar estimators, with calibrations in space, expected the default: no pose",
         ),
-        (&|of| of["map"] = json!({"cell_m": 0.004}), "map: found a value, with calibrations in space, expected none"),
+        (
+            &|of| of["seed"] = json!(2),
+            "seed: found a setting of planar estimators, with calibrations in space, expected",
+        ),
+        (
+            &|of| of["map"] = json!({"cell_m": 0.004}),
+            "map: found a setting of planar estimators, with calibrations in space, expected the default: maps in space",
+        ),
         (
             &|of| {
                 of["whiskers"][0]["moment"] = Value::Null;
                 of["whiskers"][0]["counts"] = json!({"topic": "/counts"});
             },
-            "whiskers[0].counts: found a value, with calibrations in space, expected the topic of the moment",
+            "whiskers[0].counts: found a setting of planar estimators, with calibrations in space, expected `moment`: counts",
         ),
         (
             &|of| {
@@ -249,10 +266,12 @@ fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
                 (other["name"], other["calibration"]) = (json!("v"), json!("planar.json"));
                 of["whiskers"].as_array_mut().expect("a list").push(other);
             },
-            "whiskers: found 1 calibrations in space among 2, expected calibrations in the plane or in space alone",
+            "whiskers: found 1 of 2 calibrations in space, expected all calibrations in the plane or all in space",
         ),
     ];
     fs::write(bench.folder.path().join("planar.json"), r#"{"format": 1}"#).expect("written");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/live-space/mapping.json");
+    assert_eq!(Mapping::read(&example).expect("valid").whiskers.len(), 1);
     for (change, words) in cases {
         let path = bench.mapping("point", change);
         let error = format!("{:#}", Setup::read(&path).err().unwrap_or_else(|| panic!("{words}")));

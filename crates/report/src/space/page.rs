@@ -79,9 +79,9 @@ const COLUMNS: [Column; 15] = [
         is_ranked: false,
     },
     Column {
-        heading: "early coverage",
+        heading: "coverage, first second",
         unit: "%",
-        meaning: "the same within the first second of each touch, which no other column includes",
+        meaning: "share of the estimates in the first second of each touch whose 95 % ellipsoid contains the true contact",
         value: |row| row.early_coverage.map(|value| 100.0 * value),
         decimals: 0,
         is_ranked: false,

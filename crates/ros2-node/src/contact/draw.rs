@@ -56,7 +56,7 @@ impl Session {
             if maps.is_due()
                 && let Some((time_ns, observed)) = self.observed()
             {
-                let map = mapper.map(&observed, time_ns);
+                let map = mapper.map(observed, time_ns);
                 objects = map.shapes;
                 for (layer, message) in &map.layers {
                     message.write(&mut *locked(&self.outlet), &layer_topic(&self.mapping, layer), time_ns)?;

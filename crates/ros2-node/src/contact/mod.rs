@@ -123,7 +123,7 @@ fn announce(outlet: &mut Both, mapping: &Mapping, is_in_space: bool) -> anyhow::
     let (frame, shapes) = (mapping.fixed_frame.clone(), Vec::new());
     outlet.draw(&mapping.prefix, &Drawing { frame, time_ns: 0, lifetime_s: 0.0, shapes })?;
     if is_in_space {
-        for layer in [topics::POINTS, topics::VOXELS] {
+        for layer in [topics::MAP_POINTS, topics::MAP_VOXELS] {
             outlet.announce::<PointCloud2>(&layer_topic(mapping, layer))?;
         }
     } else {

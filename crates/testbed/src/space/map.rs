@@ -88,11 +88,11 @@ impl SpatialMap {
         Ok(Self { surface: SurfaceMesh::new(&objects), ..map })
     }
 
-    /// The map of some observations, without the surfaces of the objects, whose computation takes some seconds.
+    /// The map of some observations, without the surfaces, which take seconds to compute.
     pub fn of(view: &SpatialView) -> Self {
         let mut points: Vec<SurfacePoint> = view.points().collect();
         tell_apart(&mut points);
-        let mut voxels = view.voxels.clone();
+        let mut voxels: BTreeMap<Index, Occupancy> = view.passed.iter().map(|at| (*at, Occupancy::Free)).collect();
         voxels.extend(points.iter().map(|point| (index(point.at, VOXEL_M), Occupancy::Occupied)));
         let center = |at: i64| VOXEL_M * (at as f64 + 0.5);
         let row =

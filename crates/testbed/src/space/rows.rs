@@ -33,7 +33,8 @@ pub struct SpatialTrialRow {
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
     pub coverage: Option<f64>,
-    /// The same share of the instants with an estimate before [`START_S`](super::trial::START_S) of each touch.
+    /// Share of the estimates in the first [`START_S`](super::trial::START_S) seconds of each touch whose 95 % ellipsoid contains the
+    /// true contact.
     #[serde(default)]
     pub early_coverage: Option<f64>,
     /// Mean distance of the estimated points of the surface from the true solid. `None` for meshes.
@@ -98,7 +99,7 @@ pub struct SpatialSummaryRow {
     pub nees_high: f64,
     /// Mean coverage of the 95 % ellipsoids.
     pub coverage: Option<f64>,
-    /// The same before [`START_S`](super::trial::START_S) of each touch.
+    /// Mean coverage of the ellipsoids in the first [`START_S`](super::trial::START_S) seconds of each touch.
     #[serde(default)]
     pub early_coverage: Option<f64>,
     /// Mean over the replays of the distance of the surface.

@@ -3,14 +3,13 @@
 //! Points of one cell are merged, weighted by the inverse of their variance. Estimates of one touch have errors in common; the
 //! covariance of a merged point is therefore that of its most certain estimate, not that of a mean of independent ones.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Vector3};
 use whisker::space::frames::Point;
 use whisker::space::surface::OrientedPoint;
 
 use super::map::SurfacePoint;
-use super::rows::Occupancy;
 use super::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire};
 
 /// Edge of the cells in which points are merged.
@@ -27,7 +26,8 @@ pub(super) const VOXEL_M: f64 = 2e-3;
 /// noise, and at a deflection of less than a voxel.
 const FREE_SHARE: f64 = 0.05;
 
-/// Smallest displacement of root or tip of the undeflected whisker between two scans of the space, as a share of a voxel.
+/// Displacement of the root, of the tip of the undeflected whisker, or of the contact, from which the space is scanned again, as a
+/// share of a voxel's edge.
 const SCAN: f64 = 0.25;
 
 /// Cell in which points are merged.
@@ -47,7 +47,7 @@ pub struct SpatialView {
     /// Touched points by cell.
     pub(super) cells: BTreeMap<Cell, Merged>,
     /// Voxels through which a whisker passed.
-    pub(super) voxels: BTreeMap<Index, Occupancy>,
+    pub(super) passed: BTreeSet<Index>,
     /// Number of estimates left out: outside the calibrated domain, or too uncertain.
     pub(super) left_out: usize,
 }
@@ -58,11 +58,21 @@ impl SpatialView {
         for (cell, merged) in &other.cells {
             self.cells.entry(*cell).or_default().merge(merged);
         }
-        self.voxels.extend(&other.voxels);
+        self.passed.extend(&other.passed);
         self.left_out += other.left_out;
     }
 
-    /// The points of the surface, in the order of their cells, of one object.
+    /// Number of cells and voxels.
+    pub fn len(&self) -> usize {
+        self.cells.len() + self.passed.len()
+    }
+
+    /// Whether nothing has been observed.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Merged points of the surface in the order of their cells. Their objects are told apart later; all have the number 0.
     pub(super) fn points(&self) -> impl Iterator<Item = SurfacePoint> {
         self.cells.values().map(Merged::point)
     }
@@ -74,13 +84,13 @@ pub struct SpatialObserver {
     wire: SpatialWire,
     /// Number of points of the wire in a scan.
     count: usize,
-    /// Largest reading of an undeflected whisker.
+    /// Largest reading at which a whisker counts as undeflected (N m).
     free_n_m: f64,
     /// Number of touches so far, and whether the last instant belongs to one.
     touches: usize,
     is_touching: bool,
-    /// Root and tip of the undeflected whisker at the last scan.
-    last: Option<[Vector3<f64>; 2]>,
+    /// Root and tip of the undeflected whisker, and the contact, at the last scan.
+    last: Option<([Vector3<f64>; 2], Option<Vector3<f64>>)>,
 }
 
 impl SpatialObserver {
@@ -94,8 +104,8 @@ impl SpatialObserver {
         Ok(Self { wire: SpatialWire::new(whisker)?, count, free_n_m, touches: 0, is_touching: false, last: None })
     }
 
-    /// Takes the next instant into a view. Returns the point for the surface of its object, with its cell, if it enters the map and
-    /// states how certain its normal is. Estimates between two instants without one are those of one touch.
+    /// Adds the next instant to a view. Returns the touched point and its cell, if the estimate enters the map and states the
+    /// uncertainty of its normal. Estimates between two instants without one are those of one touch.
     pub fn observe(&mut self, row: &SpatialEstimateRow, view: &mut SpatialView) -> Option<(Cell, OrientedPoint)> {
         let is_touching = row.contact_m().is_some();
         self.touches += usize::from(is_touching && !self.is_touching);
@@ -118,7 +128,8 @@ impl SpatialObserver {
 
     /// Marks the voxels through which the whisker passes as free, where its shape is known: deflected through an estimate that
     /// enters the map, or undeflected while there is no estimate and the readings are small. Without an estimate a large reading
-    /// means that the whisker touches in an unknown place.
+    /// means that the whisker touches in an unknown place. Instants at which none of root, undeflected tip and
+    /// contact has moved by [`SCAN`] voxels since the last scan are left out, to bound the work.
     fn scan(&mut self, row: &SpatialEstimateRow, is_certain: bool, view: &mut SpatialView) {
         let contact = row.contact_m();
         let is_known = if contact.is_some() { is_certain } else { row.reading_n_m() <= self.free_n_m };
@@ -126,14 +137,21 @@ impl SpatialObserver {
             return;
         }
         let ends = self.wire.ends_m(row);
-        let moved_m = |last: &[Vector3<f64>; 2]| (0..2).map(|end| (ends[end] - last[end]).norm()).fold(0.0, f64::max);
-        if self.last.as_ref().is_some_and(|last| moved_m(last) < SCAN * VOXEL_M) {
+        let is_near = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() < SCAN * VOXEL_M;
+        let is_as_before = self.last.as_ref().is_some_and(|(last, last_contact)| {
+            let is_same_contact = match (&contact, last_contact) {
+                (Some(contact), Some(last)) => is_near(contact, last),
+                (contact, last) => contact.is_none() && last.is_none(),
+            };
+            is_same_contact && ends.iter().zip(last).all(|(end, last)| is_near(end, last))
+        });
+        if is_as_before {
             return;
         }
+        self.last = Some((ends, contact));
         // An estimate out of reach has no shape.
         let Some(points) = self.wire.points_m(row, contact, self.count) else { return };
-        self.last = Some(ends);
-        view.voxels.extend(points.into_iter().map(|point| (index(point, VOXEL_M), Occupancy::Free)));
+        view.passed.extend(points.into_iter().map(|point| index(point, VOXEL_M)));
     }
 }
 

@@ -239,7 +239,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "NEES",
         "its 95 % interval",
         "in 95 %",
-        "in 95 % early",
+        "in 95 %, first second",
         "surface, mm",
         "normal, deg",
         "direction, deg",

@@ -2,11 +2,11 @@
 //!
 //! Each candidate is a fit of an object to all readings. It gives its evidence, the marginal likelihood of the readings
 //! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
-//! posterior probability. Until the first fits have ended, the priors decide, and a filter along whose object the contact slides
-//! states the estimates: those of the filters with which the fits begin assume a contact at rest. The estimate is the mean and covariance of the
-//! mixture, so that the disagreement of probable candidates counts as uncertainty. The more flexible a candidate, the smaller its
-//! prior. The models are in doubt if the innovations of the mixture are too large, as in the plane, or if the readings contradict
-//! the fits with more than half of the probability.
+//! posterior probability. Until the first fits have ended, the priors are the weights, and the estimate is that of a filter whose
+//! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The
+//! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. The
+//! more flexible a candidate, the smaller its prior. The models are in doubt if the innovations of the mixture are too large, as in
+//! the plane, or if the readings contradict the fits with more than half of the probability.
 
 use std::sync::Arc;
 
@@ -53,8 +53,8 @@ struct Candidate {
 pub(super) struct Config {
     /// The candidates.
     candidates: Vec<Candidate>,
-    /// Filter that estimates in place of the candidates that have no fitted object yet. Unused for real sensors, whose wire friction
-    /// may hold at rest. `null` if the candidates estimate themselves, by filters of a contact at rest.
+    /// Filter whose estimate replaces those of candidates without a fitted object. Not used for real sensors, whose contact may
+    /// stick. `null`: such candidates keep the estimates of their own filters, which assume a contact at rest.
     early: Option<follower::Config>,
     /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
     /// model and of the ringing do.
@@ -96,10 +96,10 @@ impl UnknownMounting {
 }
 
 impl Default for Config {
-    /// The factor, the early filter and the weights of the objects along which a contact slides were chosen on random scenes in space
-    /// that are not reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable as one that
-    /// slides. Sliding over a wide object is evident from the readings. The mounting has the standard deviations of `installed` in
-    /// the plane.
+    /// The factor, the early filter and the weights of the objects along which a contact slides were chosen on random scenes in
+    /// space that are not reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable
+    /// as one that slides. Sliding over a wide object is evident from the readings. The mounting has the standard deviations of
+    /// `installed` in the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),
@@ -210,7 +210,7 @@ struct Average {
     config: Arc<Config>,
     names: Vec<&'static str>,
     trackers: Vec<Box<dyn Tracker>>,
-    /// The early filter, which begins anew whenever it is required.
+    /// The early filter. It is reset while all candidates have a fitted object.
     early: Option<Box<dyn Tracker>>,
     /// Probabilities of the candidates at the first touch.
     first: Vec<f64>,
@@ -244,10 +244,12 @@ impl Average {
         if self.trackers.iter().all(|tracker| tracker.is_fitted()) {
             return early.forget();
         }
-        let estimate = early.step(sample);
+        let Some(estimate) = early.step(sample) else { return };
+        // The rod of the early filter stands for objects of any kind.
+        let estimate = Estimate { direction: None, radius: None, ..estimate };
         for (of_candidate, tracker) in estimates.iter_mut().zip(&self.trackers) {
-            if !tracker.is_fitted() {
-                *of_candidate = of_candidate.and(estimate);
+            if !tracker.is_fitted() && of_candidate.is_some() {
+                *of_candidate = Some(estimate);
             }
         }
     }
