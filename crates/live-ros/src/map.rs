@@ -14,7 +14,8 @@ use crate::mapping::Mapping;
 /// Largest number of cells of a published grid.
 const MOST_CELLS: i64 = 4_000_000;
 
-/// Largest number of cells and voxels of a published map in space. A whisker that has more of them observes no further ones.
+/// Largest number of cells and voxels of a published map in space, over all whiskers. A whisker that exceeds it adds no further
+/// observations, which limits the memory.
 pub(crate) const MOST_ENTRIES: usize = 250_000;
 
 /// Colour of the objects.

@@ -126,10 +126,10 @@ impl Geometry for SpatialGeometry {
     }
 }
 
-/// Covariance of small rotations about the fixed axes (rad2), from that of a unit vector that turns with them. The variance of the
-/// rotation about the vector itself, which the vector does not determine, is that of any angle.
+/// Covariance of small rotations about the axes of the fixed frame (rad2) from the covariance of a unit vector in that frame. The
+/// rotation about the vector is undetermined; its variance is that of a uniformly distributed angle.
 fn rotations(along: &Vector3<f64>, covariance: &Matrix3<f64>) -> Matrix3<f64> {
-    // A rotation w changes the vector n by w x n, hence w = n x dn across n.
+    // A rotation w changes the vector n by w x n, hence the part of w across n is n x dn.
     let cross = along.cross_matrix();
     cross * covariance * cross.transpose() + along * along.transpose() * (PI * PI / 3.0)
 }

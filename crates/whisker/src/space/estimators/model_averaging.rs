@@ -245,7 +245,7 @@ impl Average {
             return early.forget();
         }
         let Some(estimate) = early.step(sample) else { return };
-        // The rod of the early filter stands for objects of any kind.
+        // The early filter models any object as a rod, whose direction and radius are therefore not stated.
         let estimate = Estimate { direction: None, radius: None, ..estimate };
         for (of_candidate, tracker) in estimates.iter_mut().zip(&self.trackers) {
             if !tracker.is_fitted() && of_candidate.is_some() {
