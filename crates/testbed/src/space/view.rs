@@ -89,8 +89,16 @@ pub struct SpatialObserver {
     /// Number of touches so far, and whether the last instant belongs to one.
     touches: usize,
     is_touching: bool,
-    /// Root and tip of the undeflected whisker, and the contact, at the last scan.
-    last: Option<([Vector3<f64>; 2], Option<Vector3<f64>>)>,
+    last: Option<Scan>,
+}
+
+/// Where the space was scanned.
+#[derive(Clone, Copy, Debug)]
+struct Scan {
+    /// Root and tip of the undeflected whisker in World (m).
+    ends: [Vector3<f64>; 2],
+    /// The contact in World (m).
+    contact: Option<Vector3<f64>>,
 }
 
 impl SpatialObserver {
@@ -138,17 +146,17 @@ impl SpatialObserver {
         }
         let ends = self.wire.ends_m(row);
         let is_near = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() < SCAN * VOXEL_M;
-        let is_as_before = self.last.as_ref().is_some_and(|(last, last_contact)| {
-            let is_same_contact = match (&contact, last_contact) {
+        let is_as_before = self.last.as_ref().is_some_and(|last| {
+            let is_same_contact = match (&contact, &last.contact) {
                 (Some(contact), Some(last)) => is_near(contact, last),
                 (contact, last) => contact.is_none() && last.is_none(),
             };
-            is_same_contact && ends.iter().zip(last).all(|(end, last)| is_near(end, last))
+            is_same_contact && ends.iter().zip(&last.ends).all(|(end, last)| is_near(end, last))
         });
         if is_as_before {
             return;
         }
-        self.last = Some((ends, contact));
+        self.last = Some(Scan { ends, contact });
         // An estimate out of reach has no shape.
         let Some(points) = self.wire.points_m(row, contact, self.count) else { return };
         view.passed.extend(points.into_iter().map(|point| index(point, VOXEL_M)));
