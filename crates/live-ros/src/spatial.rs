@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use bag::messages::{Pose, PoseWithCovariance};
 use live::{Spatial, SpatialAnswer};
-use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use testbed::space::view::{SpatialObserver, SpatialView};
-use testbed::space::{SpatialEstimateRow, SpatialRunWhisker, SpatialWire, spatial_estimate_row, to_world};
+use testbed::space::{SpatialEstimateRow, SpatialRunWhisker, spatial_estimate_row, to_world, turned_to};
 use trace::{SpatialInstant, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge};
 
@@ -23,7 +23,6 @@ const NORMAL_COLOR: [f32; 4] = [1.0, 0.3, 0.1, 1.0];
 /// Spatial readings, contacts, shapes and observations.
 pub(crate) struct SpatialGeometry {
     knowledge: Arc<Knowledge>,
-    wire: SpatialWire,
     observer: SpatialObserver,
     view: SpatialView,
 }
@@ -31,23 +30,13 @@ pub(crate) struct SpatialGeometry {
 impl SpatialGeometry {
     pub(crate) fn new(whisker: &SpatialRunWhisker, knowledge: Arc<Knowledge>) -> anyhow::Result<Self> {
         let observer = SpatialObserver::new(whisker, knowledge.calibrated.largest_reading_n_m)?;
-        let wire = SpatialWire::new(whisker)?;
-        Ok(Self { knowledge, wire, observer, view: SpatialView::default() })
+        Ok(Self { knowledge, observer, view: SpatialView::default() })
     }
 
     /// The answer with positions and directions in the fixed frame. `None` without a pose.
     fn row(&self, answer: &SpatialAnswer) -> Option<SpatialEstimateRow> {
         let SpatialAnswer { t_s, base: Some(base), reading_n_m, .. } = *answer else { return None };
-        let now = SpatialInstant {
-            t_s,
-            base,
-            twist: None,
-            moment_x_n_m: None,
-            moment_y_n_m: reading_n_m.x,
-            moment_z_n_m: reading_n_m.y,
-            force_x_n: None,
-            rotation: None,
-        };
+        let now = SpatialInstant::measured(t_s, base, reading_n_m);
         let (truth, calibrated) = (SpatialTruthInstant::default(), &self.knowledge.calibrated);
         Some(spatial_estimate_row(&now, &truth, calibrated, reading_n_m, answer.estimate.as_ref()))
     }
@@ -88,9 +77,6 @@ impl Geometry for SpatialGeometry {
     fn contact(&self, answer: &SpatialAnswer, _projection: &InSpace) -> Option<PoseWithCovariance> {
         let (base, estimate) = (to_world(&answer.base?), answer.estimate?);
         let normal = base.turn_vector(estimate.normal);
-        let turn = UnitQuaternion::rotation_between(&Vector3::x(), &normal);
-        // The shortest rotation to the opposite direction is not unique; one about z is chosen.
-        let turn = turn.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI));
         let mut covariance = [[0.0; 6]; 6];
         let mut enter = |of: &Matrix3<f64>, first: usize| {
             (0..3)
@@ -102,7 +88,10 @@ impl Geometry for SpatialGeometry {
         } else {
             covariance[3][3] = -1.0;
         }
-        let pose = Pose { position: point(base.apply(estimate.contact).vector()), orientation: quaternion(&turn) };
+        let pose = Pose {
+            position: point(base.apply(estimate.contact).vector()),
+            orientation: quaternion(&turned_to(&normal)),
+        };
         Some(PoseWithCovariance { pose, covariance })
     }
 
@@ -110,8 +99,9 @@ impl Geometry for SpatialGeometry {
         let Some(row) = self.row(answer) else { return Vec::new() };
         let count = SECTIONS as usize + 1;
         let contact = row.contact_m();
-        let bent = contact.and_then(|contact| self.wire.points_m(&row, Some(contact), count));
-        let wire = bent.or_else(|| self.wire.points_m(&row, None, count));
+        let wire = self.observer.wire();
+        let bent = contact.and_then(|contact| wire.points_m(&row, Some(contact), count));
+        let wire = bent.or_else(|| wire.points_m(&row, None, count));
         let ellipsoid = contact.zip(row.covariance_m2());
         let normal = row.surface_m().zip(row.normal());
         let forms = [

@@ -1,9 +1,10 @@
 //! Recordings played as messages, against the replay of the same traces.
 
+mod played;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bag::Reader;
 use bag::messages::{
     AnyMessage, Header, JointState, MagneticField, PoseWithCovarianceStamped, Quaternion, TfMessage, Time, Transform,
     TransformStamped, Vector3, Wrench, WrenchStamped,
@@ -20,6 +21,8 @@ use trace::{CalibrationFile, Role, Trace};
 use whisker::estimators::Estimate;
 use whisker::events::TouchConfig;
 use whisker::frames::{Point, World};
+
+use played::{messages_of, play, read};
 
 const SEED: u64 = 1;
 const NOISE_SD_N_M: f64 = 1e-7;
@@ -90,29 +93,8 @@ impl Bench {
     fn exported(&self) -> Vec<(f64, String, AnyMessage)> {
         let recording = self.folder.path().join("recording");
         whisker_cli::ros::export_trace(&golden(&self.trace.sidecar.name), None, &recording).expect("exported");
-        let reader = Reader::open(&recording).expect("a recording");
-        let records = reader.records().map(|record| record.expect("whole"));
-        let message = |record: &bag::Record| record.decode_any().expect("valid").expect("a known type");
-        records.map(|record| (1e-9 * record.time_ns as f64, record.topic.clone(), message(&record))).collect()
+        messages_of(&recording)
     }
-}
-
-/// Plays messages, each at its time of arrival.
-fn play(setup: &mut Setup, messages: &[(f64, String, AnyMessage)]) -> Taken {
-    let (mut taken, mut routed) = (Taken::default(), Vec::new());
-    for (at_s, topic, message) in messages {
-        setup.router.route(topic, message, &mut routed);
-        for input in routed.drain(..) {
-            let whisker = &mut setup.whiskers[input.whisker.unwrap_or(0)];
-            whisker.take(input.t_s, input.input, *at_s, &mut taken).expect("taken");
-        }
-    }
-    setup.whiskers[0].finish(&mut taken).expect("finished");
-    taken
-}
-
-fn read(path: &Path) -> Setup {
-    Setup::read(path).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// Largest distance between published contacts and those of the replay; their numbers and times must agree.

@@ -1,5 +1,6 @@
 //! Recordings in space played as messages, against the replay of the same traces.
 
+mod played;
 #[path = "../../testbed/tests/space_dataset/mod.rs"]
 mod space_dataset;
 
@@ -7,7 +8,6 @@ use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bag::Reader;
 use bag::messages::{AnyMessage, Header, PointCloud2, Quaternion, TfMessage, Time, Transform, TransformStamped};
 use indicatif::ProgressBar;
 use live_ros::{Drawing, Form, Latency, Mapper, Mapping, Setup, Taken};
@@ -22,6 +22,7 @@ use whisker::frames::World;
 use whisker::space::estimators::Estimate;
 use whisker::space::frames::Pose;
 
+use played::{messages_of, play, read};
 use space_dataset::{dataset, fit_settings, golden};
 
 const NOISE_SD_N_M: f64 = 1e-7;
@@ -74,29 +75,8 @@ impl Bench {
         let recording = self.folder.path().join("recording");
         let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space.csv");
         whisker_cli::ros::export_spatial_trace(&golden, None, &recording).expect("exported");
-        let reader = Reader::open(&recording).expect("a recording");
-        let records = reader.records().map(|record| record.expect("whole"));
-        let message = |record: &bag::Record| record.decode_any().expect("valid").expect("a known type");
-        records.map(|record| (1e-9 * record.time_ns as f64, record.topic.clone(), message(&record))).collect()
+        messages_of(&recording)
     }
-}
-
-/// Plays messages, each at its time of arrival.
-fn play(setup: &mut Setup, messages: &[(f64, String, AnyMessage)]) -> Taken {
-    let (mut taken, mut routed) = (Taken::default(), Vec::new());
-    for (at_s, topic, message) in messages {
-        setup.router.route(topic, message, &mut routed);
-        for input in routed.drain(..) {
-            let whisker = &mut setup.whiskers[input.whisker.unwrap_or(0)];
-            whisker.take(input.t_s, input.input, *at_s, &mut taken).expect("taken");
-        }
-    }
-    setup.whiskers[0].finish(&mut taken).expect("finished");
-    taken
-}
-
-fn read(path: &Path) -> Setup {
-    Setup::read(path).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// Asserts that published contacts are those of a replay in another frame, which is `World` turned and moved by `by`.

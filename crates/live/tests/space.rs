@@ -64,16 +64,7 @@ impl Sweep {
                 true => rod.at_point(contact).unwrap().deflection.moment_n_m,
                 false => Vector3::zeros(),
             };
-            instants.push(SpatialInstant {
-                t_s,
-                base,
-                twist: None,
-                moment_x_n_m: None,
-                moment_y_n_m: moment.y,
-                moment_z_n_m: moment.z,
-                force_x_n: None,
-                rotation: None,
-            });
+            instants.push(SpatialInstant::measured(t_s, base, moment.yz()));
             readings_n_m.push(moment.yz() + Vector2::new(draw(), draw()));
         }
         Self { knowledge, recording: SpatialRecording { instants }, readings_n_m }

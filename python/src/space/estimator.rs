@@ -177,16 +177,7 @@ impl SpatialEstimator {
         let mut estimator = start(self.row, &self.config, &self.knowledge)?;
         let estimates = replayed(py, &mut estimator, &samples)?;
         let instants = times_s.into_iter().zip(bases).zip(&readings_n_m);
-        let instants = instants.map(|((t_s, base), reading_n_m)| SpatialInstant {
-            t_s,
-            base,
-            twist: None,
-            moment_x_n_m: None,
-            moment_y_n_m: reading_n_m.x,
-            moment_z_n_m: reading_n_m.y,
-            force_x_n: None,
-            rotation: None,
-        });
+        let instants = instants.map(|((t_s, base), reading_n_m)| SpatialInstant::measured(t_s, base, *reading_n_m));
         Ok(SpatialReplay::new(self.knowledge.clone(), instants.collect(), None, readings_n_m, estimates))
     }
 

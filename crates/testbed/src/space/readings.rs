@@ -1,6 +1,8 @@
 //! Readings of a trace in space.
 
-use nalgebra::{Rotation3, Vector2};
+use std::f64::consts::PI;
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -37,6 +39,13 @@ pub fn largest_reading_n_m<'a>(traces: impl IntoIterator<Item = &'a SpatialTrace
 /// Pose of the base in World.
 pub fn to_world(pose: &SpatialPose) -> Pose<Base, World> {
     Pose::new(pose.position, Rotation3::from(pose.rotation))
+}
+
+/// Shortest rotation that turns the x axis to a unit vector, 3x1. The one to the opposite direction is not unique; that about z is
+/// chosen.
+pub fn turned_to(direction: &Vector3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::rotation_between(&Vector3::x(), direction)
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI))
 }
 
 /// Pose of World in the frame of the base.

@@ -129,6 +129,11 @@ impl SpatialObserver {
         Some((cell, OrientedPoint { at, normal, sd_m, normal_sd_rad, touch: self.touches }))
     }
 
+    /// The whisker.
+    pub fn wire(&self) -> &SpatialWire {
+        &self.wire
+    }
+
     /// Number of touches so far.
     pub fn touches(&self) -> usize {
         self.touches

@@ -31,16 +31,9 @@ pub(crate) fn trace(name: &str, role: Role, rod: &Rod, places: &[Option<Around>]
     for (row, place) in places.iter().enumerate() {
         let contact = place.map(|at| rod.at_point(at.contact(&axis).vector()).unwrap());
         let moment = contact.map_or(Vector3::zeros(), |contact| contact.deflection.moment_n_m);
-        instants.push(SpatialInstant {
-            t_s: row as f64 / 250.0,
-            base: SpatialPose { position: Vector3::zeros(), rotation: UnitQuaternion::from(Rotation3::identity()) },
-            twist: None,
-            moment_x_n_m: None,
-            moment_y_n_m: moment.y,
-            moment_z_n_m: moment.z,
-            force_x_n: None,
-            rotation: None,
-        });
+        let rotation = UnitQuaternion::from(Rotation3::identity());
+        let base = SpatialPose { position: Vector3::zeros(), rotation };
+        instants.push(SpatialInstant::measured(row as f64 / 250.0, base, moment.yz()));
         let contact = contact.map(|contact| SpatialContactTruth {
             tip: false,
             split: false,

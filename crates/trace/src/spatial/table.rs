@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use csv::ByteRecord;
 use files::table::{field_error, reader};
 use files::{Error, read_table, sha256, write_atomically, write_json};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::columns::{
     ANGULAR, ARC, AXIAL, CONTACT, FEATURE, FORCE, LINEAR, MOMENT, NORMAL, POSITION, QUATERNION, ROTATION, SPLIT,
@@ -84,6 +84,22 @@ pub struct SpatialInstant {
     pub force_x_n: Option<f64>,
     /// Rotation of the root: yaw, pitch and twist (rad), if recorded.
     pub rotation: Option<Vector3<f64>>,
+}
+
+impl SpatialInstant {
+    /// An instant of which only the pose of the base and the bending moments about y and z of Base (N m), 2x1, are known.
+    pub fn measured(t_s: f64, base: SpatialPose, reading_n_m: Vector2<f64>) -> Self {
+        Self {
+            t_s,
+            base,
+            twist: None,
+            moment_x_n_m: None,
+            moment_y_n_m: reading_n_m.x,
+            moment_z_n_m: reading_n_m.y,
+            force_x_n: None,
+            rotation: None,
+        }
+    }
 }
 
 /// Contact at one instant, in World.

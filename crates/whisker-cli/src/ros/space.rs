@@ -11,7 +11,7 @@ use bag::messages::{
 use bag::messages::{Point as RosPoint, Vector3};
 use bag::{Attachment, Reader, Record, Writer, topics};
 use nalgebra::{self as na, UnitQuaternion};
-use testbed::space::SpatialEstimateRow;
+use testbed::space::{SpatialEstimateRow, turned_to};
 use trace::{
     Feature, SpatialContactTruth, SpatialInstant, SpatialPose, SpatialRecording, SpatialSidecar, SpatialTrace,
     SpatialTruth, SpatialTruthInstant, SpatialTwist,
@@ -125,10 +125,7 @@ impl Row<'_> {
         let SpatialPose { position, rotation } = known.base;
         let at = rotation.inverse() * (contact - position);
         let normal = rotation.inverse() * normal;
-        let turn = UnitQuaternion::rotation_between(&na::Vector3::x(), &normal);
-        let turn =
-            turn.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&na::Vector3::z_axis(), std::f64::consts::PI));
-        let pose = RosPose { position: point(&at), orientation: quaternion(&turn) };
+        let pose = RosPose { position: point(&at), orientation: quaternion(&turned_to(&normal)) };
         let stamped = PoseStamped { header: self.header(topics::WHISKER), pose: pose.clone() };
         self.write(topics::DETECTED_CONTACT, &stamped)?;
         let Some(covariance) = estimate.covariance_m2() else { return Ok(()) };

@@ -33,10 +33,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Keeps the present sample, if samples are kept.
     pub(super) fn keep(&mut self, sample: &Sample) {
-        let kept = self.kept(sample);
-        if let Some(memory) = &mut self.memory {
-            memory.samples.push(kept);
-        }
+        let kept = self.memory.is_some().then(|| self.kept(sample));
+        self.memory.iter_mut().zip(kept).for_each(|(memory, kept)| memory.samples.push(kept));
     }
 
     /// Takes the kept samples for a fit that begins anew at the present pose. If the new fit has another object, that object is to explain
