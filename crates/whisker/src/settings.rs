@@ -85,7 +85,7 @@ fn mistyped<T: DeserializeOwned>(value: &Value) -> Option<&str> {
     let mut settings = Map::new();
     let is_wrong = |(key, value): &(&String, &Value)| {
         settings.insert((*key).clone(), (*value).clone());
-        T::deserialize(Value::Object(settings.clone())).is_err_and(|error| reason(&error).starts_with("found "))
+        T::deserialize(&Value::Object(settings.clone())).is_err_and(|error| reason(&error).starts_with("found "))
     };
     value.as_object()?.iter().find(is_wrong).map(|(key, _)| key.as_str())
 }

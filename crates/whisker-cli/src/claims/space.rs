@@ -153,6 +153,15 @@ const SCORES: &[Score] = &[
         of: |row| percent(row.coverage),
     },
     Score {
+        groups: &GROUPS,
+        id: "early_coverage",
+        what: "share of the instants of the first second after a touch at which the 95 % ellipsoid contains the true contact",
+        relation: Relation::AtLeast,
+        bound: 88.0,
+        unit: "%",
+        of: |row| percent(row.early_coverage),
+    },
+    Score {
         groups: &ROUND,
         id: "radius",
         what: "root mean square error of the last radius, relative to the true one",

@@ -54,6 +54,13 @@ pub(super) fn claims() -> Vec<Claim> {
         Claim::at_most("space_random_coverage_high".into(), about(covered), 99.0, "%", |context| {
             Ok(coverage_of(&sets(context)))
         }),
+        Claim::at_least(
+            "space_random_early_coverage".into(),
+            about("95 % ellipsoids of the first second of each touch that hold the true contact, mean over replays"),
+            88.0,
+            "%",
+            |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.early_coverage)))),
+        ),
         Claim::at_most(
             "space_random_overconfident".into(),
             about("sets in which fewer than 80 % of the ellipsoids hold the true contact"),

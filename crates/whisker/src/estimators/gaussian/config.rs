@@ -139,7 +139,7 @@ pub(in crate::estimators) mod without_motion {
                 "`filter.motion`: found a model of motion, expected none, since the method has its own",
             ));
         }
-        Config::deserialize(Value::Object(settings)).map_err(Error::custom)
+        Config::deserialize(&Value::Object(settings)).map_err(Error::custom)
     }
 }
 

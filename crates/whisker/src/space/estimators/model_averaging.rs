@@ -113,7 +113,7 @@ impl Default for Config {
             candidates: weights.map(candidate).into(),
             early: Some(follower::Config::new(MotionSettings::fitted_cylinder())),
             evidence_power: 0.5,
-            covariance_factor: 1.5,
+            covariance_factor: 1.2,
             ignored_share: 0.02,
             doubt: DoubtSettings::default(),
             mounting: Some(UnknownMounting::default()),

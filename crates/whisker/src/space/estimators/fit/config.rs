@@ -31,7 +31,7 @@ pub(in crate::space::estimators) struct Config {
 }
 
 impl Config {
-    /// Start and work of the searches were chosen on random scenes in space that are not reported.
+    /// Start and work of the searches, and the deviation, were chosen on random scenes in space that are not reported.
     pub(in crate::space::estimators) fn new(motion: MotionSettings) -> Self {
         Self {
             motion,
@@ -42,7 +42,7 @@ impl Config {
             prune_share: 1e-2,
             gate_sds: 5.0,
             evaluations_per_step: 52,
-            deviation_m: 5e-6,
+            deviation_m: 2e-6,
         }
     }
 

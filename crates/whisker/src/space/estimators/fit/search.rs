@@ -49,6 +49,8 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
+    /// Covariance of the gradient by errors that are independent from reading to reading.
+    scatter: SMatrix<f64, N, N>,
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
     /// extrapolation, that of the tilt, and that of the tilt by inertia.
     pull: SMatrix<f64, N, 4>,
@@ -63,6 +65,7 @@ impl<const N: usize> Quadratic<N> {
             cost: 0.0,
             gradient: SVector::zeros(),
             curvature: SMatrix::zeros(),
+            scatter: SMatrix::zeros(),
             pull: SMatrix::zeros(),
             last: None,
         };
@@ -74,18 +77,20 @@ impl<const N: usize> Quadratic<N> {
                 found.cost += 0.5 * away * away * weight;
                 found.gradient[i] = away * weight;
                 found.curvature[(i, i)] = weight;
+                found.scatter[(i, i)] = weight;
             }
         }
         found
     }
 
-    /// Covariance of the state at a minimum: that by independent errors of the readings, and the effect of errors that are the same
-    /// at all contacts. That of the tilt is zero. `None` unless the curvature is positive definite.
+    /// Covariance of the state at a minimum. The inverse of the curvature carries errors of the gradient over to the state: those that
+    /// are independent from reading to reading, and those that are the same at all contacts. The errors of the sensor model reduce the
+    /// weight of a reading, but are of the second kind alone. The covariance of the tilt is zero. `None` unless the curvature is
+    /// positive definite.
     pub(super) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
-        let mut independent = self.curvature.cholesky()?.inverse();
-        independent[(TILT, TILT)] = 0.0;
-        let common = independent * self.pull;
-        Some(independent + common * common.transpose())
+        let inverse = self.curvature.cholesky()?.inverse();
+        let common = inverse * self.pull;
+        Some(inverse * self.scatter * inverse + common * common.transpose())
     }
 
     /// Logarithm of the probability of the readings under the object, up to a constant, by Laplace's approximation.
@@ -149,7 +154,8 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let by_tilt = by_contact * by_tilt * inertial.sd_rad();
         let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
         let independent = side.noise_of_mean_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
-        let covariance = expected.covariance_n2_m2() + independent + by_tilt * by_tilt.transpose();
+        let mut independent = independent + by_tilt * by_tilt.transpose();
+        let covariance = expected.covariance_n2_m2() + independent;
         let Some(mut factor) = covariance.cholesky() else { return false };
         let mut residual = expected.reading_n_m - mean.reading_n_m;
         let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
@@ -164,14 +170,16 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
             let share = (model_n2_m2 / (model_n2_m2 + noise_n2_m2)).sqrt();
             let link = Link::new(&factor, (residual, slopes, common), place, share);
             (residual, slopes, common) = link.change_from(quadratic.last.as_ref(), length_m);
-            factor = Cholesky::pack_dirty(Matrix2::identity());
+            (factor, independent) = (Cholesky::pack_dirty(Matrix2::identity()), Matrix2::identity());
             quadratic.last = Some(link);
         }
         let squared = residual.dot(&factor.solve(&residual));
         let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
         quadratic.cost += cost;
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
-        quadratic.curvature += slopes.tr_mul(&factor.solve(&slopes)) * weight;
+        let weighted = factor.solve(&slopes);
+        quadratic.curvature += slopes.tr_mul(&weighted) * weight;
+        quadratic.scatter += weighted.tr_mul(&(independent * weighted)) * weight;
         quadratic.pull += slopes.tr_mul(&factor.solve(&common)) * weight;
         true
     }
@@ -324,23 +332,31 @@ impl<Body: Object, const N: usize> Search<Body, N> {
 mod tests {
     use super::*;
 
-    /// With the curvature `H` and the gradient `p` of an error common to all readings, the minimum moves by `H^-1 p`.
+    /// The mean of readings whose independent errors have the variance `n`, with an error common to all of the variance `m`, has the
+    /// variance `n / readings + m`, whatever the weight of the readings.
     #[test]
-    fn verif_common_errors_are_not_reduced_by_the_number_of_readings() {
+    fn verif_common_errors_are_counted_once_and_not_reduced_by_the_number_of_readings() {
+        let (n, m) = (4.0, 0.25_f64);
+        let weight = 1.0 / (n + m);
         let variances = |readings: f64| {
+            let on_diagonal =
+                |value: f64| SMatrix::from_fn(|i, j| if i == j && i != TILT { readings * value } else { 0.0 });
+            let mut curvature = on_diagonal(weight);
+            curvature[(TILT, TILT)] = 1.0;
             let quadratic = Quadratic::<5> {
                 cost: 0.0,
                 gradient: SVector::zeros(),
-                curvature: SMatrix::identity() * readings,
-                pull: SMatrix::from_fn(|i, j| if (i, j) == (1, 0) { 0.5 * readings } else { 0.0 }),
+                curvature,
+                scatter: on_diagonal(weight * n * weight),
+                pull: SMatrix::from_fn(|i, j| if (i, j) == (1, 0) { readings * weight * m.sqrt() } else { 0.0 }),
                 last: None,
             };
             quadratic.covariance().unwrap().diagonal()
         };
         for readings in [10.0, 1e6] {
             let found = variances(readings);
-            assert!((found[0] - 1.0 / readings).abs() < 1e-12 && found[TILT] == 0.0);
-            assert!((found[1] - (1.0 / readings + 0.25)).abs() < 1e-12, "{found}");
+            assert!((found[0] - n / readings).abs() < 1e-12 && found[TILT] == 0.0);
+            assert!((found[1] - (n / readings + m)).abs() < 1e-12, "{found}");
         }
     }
 }

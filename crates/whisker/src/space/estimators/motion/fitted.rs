@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
-use super::rolling::{LEAST_TILT_RAD, MOST_TILT_RAD, Object, Place, STEP, Shape, TILT, stable_touch, step_of, stepped};
+use super::rolling::{MOST_TILT_RAD, Object, Place, STEP, Shape, TILT, stable_touch, step_of, stepped};
 use crate::frames::Base;
 use crate::space::estimators::ringing::{self, Response};
 use crate::space::estimators::side::Side;
@@ -16,8 +16,11 @@ const STEP_S2: f64 = 1e-6;
 const PARTS: usize = 8;
 
 /// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
-/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
-const UNKNOWN_SHARE: f64 = 0.6;
+/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported, as is the next.
+const UNKNOWN_SHARE: f64 = 0.3;
+
+/// Smallest standard deviation of the tilt (rad).
+const LEAST_UNKNOWN_RAD: f64 = 2e-4;
 
 /// Tilt of the normal by the inertia of the wire.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +34,7 @@ pub(in crate::space::estimators) struct InertialTilt {
 impl InertialTilt {
     /// Standard deviation of the part of the oscillation that is unknown.
     pub(in crate::space::estimators) fn sd_rad(&self) -> f64 {
-        (UNKNOWN_SHARE * self.amplitude_rad).max(LEAST_TILT_RAD)
+        (UNKNOWN_SHARE * self.amplitude_rad).max(LEAST_UNKNOWN_RAD)
     }
 }
 

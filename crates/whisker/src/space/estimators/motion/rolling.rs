@@ -40,7 +40,7 @@ pub(in crate::space::estimators) const TILT_S: f64 = 0.05;
 const SLIDING_SHARE: f64 = 0.3;
 
 /// Smallest and largest standard deviation of the tilt, and that at the touch.
-pub(super) const LEAST_TILT_RAD: f64 = 5e-4;
+const LEAST_TILT_RAD: f64 = 5e-4;
 pub(super) const MOST_TILT_RAD: f64 = 0.3;
 pub(super) const FIRST_TILT_RAD: f64 = 0.05;
 
