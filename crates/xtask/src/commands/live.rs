@@ -1,5 +1,5 @@
 //! `cargo xtask live`: latency, losses and memory of `whisker live` with six whiskers at 250 readings per second, as JSON
-//! lines. The values are rows of `results/reference/measured.csv`.
+//! lines, in the plane or, with `--space`, in space. The values are rows of `results/reference/measured.csv`.
 
 use std::fs;
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -15,23 +15,70 @@ use crate::pipeline;
 use crate::repository::root;
 use crate::tools::built_whisker;
 
-const SUITE: &str = "standard";
-/// Traces that the whiskers replay, forward and backward in turn, and their calibrations.
-const WHISKERS: [(&str, &str); 6] = [
-    ("pin_straight_00", "straight"),
-    ("pin_curved_00", "curved"),
-    ("circle_15_straight", "straight"),
-    ("circle_15_curved", "curved"),
-    ("octagon_straight", "straight"),
-    ("octagon_curved", "curved"),
-];
+/// Number of whiskers.
+const WHISKERS: usize = 6;
+
+/// Whiskers of a measurement. Columns of poses are also their keys in the messages.
+struct Setting {
+    suite: &'static str,
+    /// Traces that the whiskers replay, forward and backward in turn, and their calibrations.
+    whiskers: [(&'static str, &'static str); WHISKERS],
+    protocol: u32,
+    pose: &'static [&'static str],
+    /// Columns of the readings, and their keys.
+    readings: &'static [(&'static str, &'static str)],
+    /// Time between the first lines and the first readings, in which the calibrations are read: those in space are tabulated.
+    start: Duration,
+    /// Beginning of the identifiers of the results, and their description.
+    rows: &'static str,
+    about: &'static str,
+    /// Arguments of the command that measures it.
+    arguments: &'static str,
+}
+
+const IN_PLANE: Setting = Setting {
+    suite: "standard",
+    whiskers: [
+        ("pin_straight_00", "straight"),
+        ("pin_curved_00", "curved"),
+        ("circle_15_straight", "straight"),
+        ("circle_15_curved", "curved"),
+        ("octagon_straight", "straight"),
+        ("octagon_curved", "curved"),
+    ],
+    protocol: 1,
+    pose: &["base_x_m", "base_y_m", "base_yaw_rad"],
+    readings: &[("moment_z_n_m", "reading_n_m")],
+    start: Duration::from_secs(1),
+    rows: "live_",
+    about: "six whiskers",
+    arguments: "",
+};
+
+const IN_SPACE: Setting = Setting {
+    suite: "spatial",
+    whiskers: [
+        ("pin_00_straight", "straight"),
+        ("pin_00_curved", "curved"),
+        ("sphere_20_straight", "straight"),
+        ("sphere_20_curved", "curved"),
+        ("box_straight", "straight"),
+        ("box_curved", "curved"),
+    ],
+    protocol: 2,
+    pose: &["base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz"],
+    readings: &[("moment_y_n_m", "moment_y_n_m"), ("moment_z_n_m", "moment_z_n_m")],
+    start: Duration::from_secs(10),
+    rows: "space_live_",
+    about: "six whiskers in space",
+    arguments: " --space",
+};
+
 const RATE_HZ: f64 = 250.0;
 /// Measurement noise relative to the largest reading of a trace.
 const NOISE: f64 = 0.01;
 /// Default duration (s).
 const DURATION_S: u64 = 600;
-/// Time between the first lines, after which the estimators are built, and the first readings.
-const START: Duration = Duration::from_secs(1);
 /// Share of the duration after which the memory must not grow any more: by then every whisker has touched.
 const WARM: f64 = 0.5;
 /// Bounds: 99th percentile of the latency (ms), and growth of the memory (MB).
@@ -42,22 +89,20 @@ const IN_TRANSIT: usize = 1 << 14;
 /// Resolution and range of the histogram of latencies.
 const BIN_US: f64 = 10.0;
 const BINS: usize = 100_000;
-/// Beginning of the rows of the results.
-const ROWS: &str = "live_";
 
 pub(crate) fn run(arguments: &[String]) -> Outcome {
-    let duration_s = asked(arguments)?;
+    let (setting, duration_s) = asked(arguments)?;
     pipeline::prepare()?;
-    pipeline::simulate(SUITE)?;
-    pipeline::fit(SUITE)?;
+    pipeline::simulate(setting.suite)?;
+    pipeline::fit(setting.suite)?;
     let mut measured = None;
-    step(&format!("six whiskers at {RATE_HZ} readings per second for {duration_s} s"), || {
-        measured = Some(measure(duration_s)?);
+    step(&format!("{} at {RATE_HZ} readings per second for {duration_s} s", setting.about), || {
+        measured = Some(measure(setting, duration_s)?);
         Ok(())
     })?;
     let measured = measured.expect("the step succeeded");
     println!("{measured}");
-    write_rows(&measured)?;
+    write_rows(setting, &measured)?;
     if measured.latency_ms[1] > LATENCY_MS || measured.lost > 0 || measured.growth_mb > GROWTH_MB {
         return Err(Failure::new(format!(
             "expected at most {LATENCY_MS} ms (99 %), no lost reading and at most {GROWTH_MB} MB of growth"
@@ -66,15 +111,22 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     Ok(())
 }
 
-/// Duration in seconds.
-fn asked(arguments: &[String]) -> Result<u64, Failure> {
-    match arguments {
-        [] => Ok(DURATION_S),
+/// Whiskers, and duration in seconds.
+fn asked(arguments: &[String]) -> Result<(&'static Setting, u64), Failure> {
+    let (setting, rest) = match arguments {
+        [option, rest @ ..] if option == "--space" => (&IN_SPACE, rest),
+        all => (&IN_PLANE, all),
+    };
+    match rest {
+        [] => Ok((setting, DURATION_S)),
         [option, seconds] if option == "--seconds" => match seconds.parse() {
-            Ok(duration_s) if duration_s >= 10 => Ok(duration_s),
+            Ok(duration_s) if duration_s >= 10 => Ok((setting, duration_s)),
             _ => Err(Failure::new(format!("--seconds: found `{seconds}`, expected 10 or more"))),
         },
-        _ => Err(Failure::new(format!("found `{}`, expected --seconds N", arguments.join(" ")))),
+        _ => Err(Failure::new(format!(
+            "found `{}`, expected --space, --seconds N or both in this order",
+            rest.join(" ")
+        ))),
     }
 }
 
@@ -103,14 +155,14 @@ impl std::fmt::Display for Measured {
 
 /// Rows of a trace that a whisker replays.
 struct Sweep {
-    /// Pose of the base, and reading.
-    rows: Vec<[f64; 4]>,
+    /// Pose of the base, and readings.
+    rows: Vec<Vec<f64>>,
     noise_sd_n_m: f64,
 }
 
 impl Sweep {
-    fn read(trace: &str) -> Result<Self, Failure> {
-        let path = root().join(format!("datasets/{SUITE}/{trace}.csv"));
+    fn read(setting: &Setting, trace: &str) -> Result<Self, Failure> {
+        let path = root().join(format!("datasets/{}/{trace}.csv", setting.suite));
         let failed = |reason: String| Failure::new(format!("{}: {reason}", path.display()));
         let text = fs::read_to_string(&path).map_err(|error| failed(error.to_string()))?;
         let mut lines = text.lines();
@@ -118,26 +170,25 @@ impl Sweep {
         let column = |name: &str| {
             header.iter().position(|column| *column == name).ok_or_else(|| failed(format!("found no column {name}")))
         };
-        let columns = [column("base_x_m")?, column("base_y_m")?, column("base_yaw_rad")?, column("moment_z_n_m")?];
-        let row = |line: &str| -> Option<[f64; 4]> {
+        let names = setting.pose.iter().copied().chain(setting.readings.iter().map(|(column, _)| *column));
+        let columns: Vec<usize> = names.map(column).collect::<Result<_, _>>()?;
+        let row = |line: &str| -> Option<Vec<f64>> {
             let cells: Vec<&str> = line.split(',').collect();
-            let mut row = [0.0; 4];
-            for (value, column) in row.iter_mut().zip(columns) {
-                *value = cells.get(column)?.parse().ok()?;
-            }
-            Some(row)
+            columns.iter().map(|column| cells.get(*column)?.parse().ok()).collect()
         };
-        let rows: Option<Vec<[f64; 4]>> = lines.map(row).collect();
+        let rows: Option<Vec<Vec<f64>>> = lines.map(row).collect();
         let rows = rows.filter(|rows| rows.len() > 1).ok_or_else(|| failed("found a cell that is no number".into()))?;
-        let largest_n_m = rows.iter().map(|row| row[3].abs()).fold(0.0, f64::max);
+        let size =
+            |row: &Vec<f64>| row[setting.pose.len()..].iter().map(|reading| reading * reading).sum::<f64>().sqrt();
+        let largest_n_m = rows.iter().map(size).fold(0.0, f64::max);
         Ok(Self { rows, noise_sd_n_m: NOISE * largest_n_m })
     }
 
     /// Row at an instant: forward to the end, backward to the beginning, and so on.
-    fn row(&self, instant: u64) -> [f64; 4] {
+    fn row(&self, instant: u64) -> &[f64] {
         let last = self.rows.len() as u64 - 1;
         let place = instant % (2 * last);
-        self.rows[place.min(2 * last - place) as usize]
+        &self.rows[place.min(2 * last - place) as usize]
     }
 }
 
@@ -155,17 +206,18 @@ impl Noise {
 }
 
 /// Runs the command on readings and poses in real time.
-fn measure(duration_s: u64) -> Result<Measured, Failure> {
-    let sweeps: Vec<Sweep> = WHISKERS.iter().map(|(trace, _)| Sweep::read(trace)).collect::<Result<_, _>>()?;
-    let mut child = start()?;
+fn measure(setting: &Setting, duration_s: u64) -> Result<Measured, Failure> {
+    let traces = setting.whiskers.iter();
+    let sweeps: Vec<Sweep> = traces.map(|(trace, _)| Sweep::read(setting, trace)).collect::<Result<_, _>>()?;
+    let mut child = start(setting)?;
     let pipes = child.stdin.take().zip(child.stdout.take());
     let (stdin, stdout) = pipes.ok_or_else(|| Failure::new("whisker live: has no pipes"))?;
-    let sent: Vec<AtomicU64> = (0..WHISKERS.len() * IN_TRANSIT).map(|_| AtomicU64::new(0)).collect();
+    let sent: Vec<AtomicU64> = (0..WHISKERS * IN_TRANSIT).map(|_| AtomicU64::new(0)).collect();
     let (origin, over, id) = (Instant::now(), AtomicBool::new(false), child.id());
     let (ended, memory) = thread::scope(|scope| {
-        let answers = scope.spawn(|| listen(stdout, &sent, origin));
+        let answers = scope.spawn(|| listen(setting, stdout, &sent, origin));
         let memory = scope.spawn(|| watch(id, duration_s, &over));
-        let written = send(stdin, &sweeps, &sent, origin, duration_s);
+        let written = send(setting, stdin, &sweeps, &sent, origin, duration_s);
         over.store(true, Ordering::Relaxed);
         let answers = answers.join().expect("the listener does not panic");
         let memory = memory.join().expect("the watch does not panic");
@@ -176,7 +228,7 @@ fn measure(duration_s: u64) -> Result<Measured, Failure> {
     if !status.success() {
         return Err(Failure::new(format!("whisker live: {status}")));
     }
-    let readings = duration_s * RATE_HZ as u64 * WHISKERS.len() as u64;
+    let readings = duration_s * RATE_HZ as u64 * WHISKERS as u64;
     let quantile_ms = |share: f64| {
         let rank = (share * used as f64).ceil() as u64;
         let mut below = 0;
@@ -198,40 +250,50 @@ fn measure(duration_s: u64) -> Result<Measured, Failure> {
 }
 
 /// The command with a calibration for each whisker.
-fn start() -> Result<Child, Failure> {
+fn start(setting: &Setting) -> Result<Child, Failure> {
     let mut command = Command::new(built_whisker());
     command.arg("live").current_dir(root()).stdin(Stdio::piped()).stdout(Stdio::piped());
-    for (name, whisker) in WHISKERS {
-        command.arg("--calibration").arg(format!("{name}=datasets/{SUITE}/calibrations/{whisker}.json"));
+    for (name, whisker) in setting.whiskers {
+        let calibration = format!("{name}=datasets/{}/calibrations/{whisker}.json", setting.suite);
+        command.arg("--calibration").arg(calibration);
     }
     command.spawn().map_err(|error| Failure::new(format!("{}: {error}", built_whisker().display())))
 }
 
 /// Sends pose and reading of each whisker at each instant, until the duration is over.
-fn send(stdin: ChildStdin, sweeps: &[Sweep], sent: &[AtomicU64], origin: Instant, duration_s: u64) -> Outcome {
+fn send(
+    setting: &Setting,
+    stdin: ChildStdin,
+    sweeps: &[Sweep],
+    sent: &[AtomicU64],
+    origin: Instant,
+    duration_s: u64,
+) -> Outcome {
     let failed = |error: std::io::Error| Failure::new(format!("whisker live: {error}"));
     let mut stdin = BufWriter::new(stdin);
-    for ((name, _), sweep) in WHISKERS.iter().zip(sweeps) {
-        let noise = sweep.noise_sd_n_m;
-        writeln!(stdin, r#"{{"protocol":1,"name":"{name}","rate_hz":{RATE_HZ},"noise_sd_n_m":{noise:e}}}"#)
-            .map_err(failed)?;
+    for ((name, _), sweep) in setting.whiskers.iter().zip(sweeps) {
+        let (protocol, noise) = (setting.protocol, sweep.noise_sd_n_m);
+        let about = format!(r#""name":"{name}","rate_hz":{RATE_HZ},"noise_sd_n_m":{noise:e}"#);
+        writeln!(stdin, r#"{{"protocol":{protocol},{about}}}"#).map_err(failed)?;
     }
     stdin.flush().map_err(failed)?;
-    sleep(START);
+    sleep(setting.start);
     let mut noise = Noise(1);
     let first = Instant::now();
     for instant in 0..duration_s * RATE_HZ as u64 {
         let t_s = instant as f64 / RATE_HZ;
         sleep((first + Duration::from_secs_f64(t_s)).saturating_duration_since(Instant::now()));
-        for (whisker, ((name, _), sweep)) in WHISKERS.iter().zip(sweeps).enumerate() {
-            let [x_m, y_m, yaw_rad, moment_n_m] = sweep.row(instant);
-            let reading_n_m = moment_n_m + sweep.noise_sd_n_m * noise.next();
-            writeln!(
-                stdin,
-                r#"{{"name":"{name}","t_s":{t_s},"base_x_m":{x_m},"base_y_m":{y_m},"base_yaw_rad":{yaw_rad}}}"#
-            )
-            .map_err(failed)?;
-            writeln!(stdin, r#"{{"name":"{name}","t_s":{t_s},"reading_n_m":{reading_n_m:e}}}"#).map_err(failed)?;
+        for (whisker, ((name, _), sweep)) in setting.whiskers.iter().zip(sweeps).enumerate() {
+            let (pose, readings) = sweep.row(instant).split_at(setting.pose.len());
+            let pose = setting.pose.iter().zip(pose).map(|(key, value)| format!(r#","{key}":{value}"#));
+            let noisy = |((_, key), value): (&(&str, &str), &f64)| {
+                let reading_n_m = value + sweep.noise_sd_n_m * noise.next();
+                format!(r#","{key}":{reading_n_m:e}"#)
+            };
+            let readings = setting.readings.iter().zip(readings).map(noisy);
+            for keys in [pose.collect::<String>(), readings.collect()] {
+                writeln!(stdin, r#"{{"name":"{name}","t_s":{t_s}{keys}}}"#).map_err(failed)?;
+            }
             let now_us = origin.elapsed().as_micros() as u64;
             sent[whisker * IN_TRANSIT + instant as usize % IN_TRANSIT].store(now_us, Ordering::Release);
             stdin.flush().map_err(failed)?;
@@ -248,12 +310,12 @@ struct Answers {
 }
 
 /// Reads the answers until their end.
-fn listen(stdout: ChildStdout, sent: &[AtomicU64], origin: Instant) -> Answers {
+fn listen(setting: &Setting, stdout: ChildStdout, sent: &[AtomicU64], origin: Instant) -> Answers {
     let mut answers = Answers { bins: vec![0; BINS], used: 0, worst_us: 0 };
     for line in BufReader::new(stdout).lines().map_while(Result::ok) {
         let now_us = origin.elapsed().as_micros() as u64;
         let of = |key: &str| Some(line.split_once(key)?.1.split([',', '"', '}']).next().unwrap_or_default());
-        let whisker = of(r#""name":""#).and_then(|name| WHISKERS.iter().position(|(known, _)| *known == name));
+        let whisker = of(r#""name":""#).and_then(|name| setting.whiskers.iter().position(|(known, _)| *known == name));
         let t_s = of(r#""t_s":"#).and_then(|t_s| t_s.parse::<f64>().ok());
         let Some((whisker, t_s)) = whisker.zip(t_s).filter(|_| of(r#""status":""#) == Some("used")) else { continue };
         let instant = (t_s * RATE_HZ).round() as usize;
@@ -285,7 +347,8 @@ fn watch(id: u32, duration_s: u64, over: &AtomicBool) -> (f64, f64) {
 }
 
 /// Replaces the rows of this measurement in the table.
-fn write_rows(measured: &Measured) -> Outcome {
+fn write_rows(setting: &Setting, measured: &Measured) -> Outcome {
+    let Setting { rows: prefix, about: whiskers, arguments, .. } = setting;
     let seconds = measured.duration_s;
     let [median, most, worst] = measured.latency_ms;
     let values = [
@@ -298,10 +361,10 @@ fn write_rows(measured: &Measured) -> Outcome {
         ("memory_growth", "growth of the largest resident memory in the second half", measured.growth_mb, "MB"),
     ];
     let rows = values.map(|(id, about, value, unit)| {
-        let about = format!("whisker live, recommended, six whiskers at 250 Hz, two cores, {seconds} s: {about}");
+        let about = format!("whisker live, recommended, {whiskers} at 250 Hz, two cores, {seconds} s: {about}");
         kept::Measured::new(id, about, value, unit)
     });
-    kept::write_measured(ROWS, &format!("cargo xtask live --seconds {seconds}"), &rows)
+    kept::write_measured(prefix, &format!("cargo xtask live{arguments} --seconds {seconds}"), &rows)
 }
 
 #[cfg(test)]
@@ -310,7 +373,7 @@ mod tests {
 
     #[test]
     fn a_sweep_is_replayed_forward_and_backward() {
-        let sweep = Sweep { rows: (0..3).map(|i| [f64::from(i); 4]).collect(), noise_sd_n_m: 0.0 };
+        let sweep = Sweep { rows: (0..3).map(|i| vec![f64::from(i); 4]).collect(), noise_sd_n_m: 0.0 };
         let rows: Vec<f64> = (0..9).map(|instant| sweep.row(instant)[0]).collect();
         assert_eq!(rows, [0.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0, 1.0, 0.0]);
     }

@@ -21,10 +21,12 @@ use serde_json::{Value, json};
 use strict_json::one_line;
 use testbed::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use testbed::replay::{method, read_by};
+use testbed::space;
 use trace::{CalibrationFile, RATES_HZ, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
+use whisker::space::sensor::CalibratedSpace;
 
 use super::blocked::Writing;
 use super::sink::{Sink, ZEROING};
@@ -121,7 +123,8 @@ struct Sample<K: Kind> {
 struct Whisker<T: Method> {
     name: Option<String>,
     path: PathBuf,
-    calibration: T::Calibration,
+    /// The same for all whiskers with this path.
+    calibration: Arc<T::Calibration>,
     worker: Option<Worker<T>>,
 }
 
@@ -206,7 +209,11 @@ fn whiskers<T: Method>(options: &[String]) -> anyhow::Result<Vec<Whisker<T>>> {
         if whiskers.iter().any(|whisker| whisker.name.as_deref() == name) {
             bail!("--calibration: found the name `{}` twice, expected each once", name.unwrap_or_default());
         }
-        let calibration = T::read(&path)?;
+        let known = whiskers.iter().find(|whisker| whisker.path == path);
+        let calibration = match known {
+            Some(whisker) => whisker.calibration.clone(),
+            None => Arc::new(T::read(&path)?),
+        };
         whiskers.push(Whisker { name: name.map(Into::into), path, calibration, worker: None });
     }
     Ok(whiskers)
@@ -605,6 +612,12 @@ impl Method for InPlane {
     }
 }
 
+/// A calibration in space, whose sensor model has been tabulated.
+struct Tabulated {
+    file: SpatialCalibrationFile,
+    calibrated: Arc<CalibratedSpace>,
+}
+
 /// An estimator of space with its settings.
 struct OfSpace {
     row: &'static SpatialEstimatorRow,
@@ -615,14 +628,16 @@ impl Method for OfSpace {
     type Kind = Spatial;
     type Motion = SpatialPoses;
     type Prior = SpatialPriorLine;
-    type Calibration = SpatialCalibrationFile;
+    type Calibration = Tabulated;
     type Given = Vector2<f64>;
     type Conversion = ();
 
     const PROTOCOL: u32 = SPATIAL_PROTOCOL;
 
-    fn read(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
-        testbed::space::replay::read_calibration(path)
+    fn read(path: &Path) -> anyhow::Result<Tabulated> {
+        let file = space::replay::read_calibration(path)?;
+        let calibrated = space::replay::read_by(&file.calibrated(path, None)?, file.sensor());
+        Ok(Tabulated { file, calibrated })
     }
 
     fn parse(line: &str) -> Result<wire::SpatialLine, BadLine> {
@@ -635,15 +650,15 @@ impl Method for OfSpace {
 
     fn begin(
         &self,
-        calibration: &SpatialCalibrationFile,
+        Tabulated { file, calibrated }: &Tabulated,
         path: &Path,
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
         check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
-        let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != calibration.whisker)
-            || prior.suspension.is_some_and(|stated| stated != calibration.suspension)
-            || prior.poisson_ratio.is_some_and(|stated| stated != calibration.poisson_ratio);
+        let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != file.whisker)
+            || prior.suspension.is_some_and(|stated| stated != file.suspension)
+            || prior.poisson_ratio.is_some_and(|stated| stated != file.poisson_ratio);
         if is_other {
             bail!(
                 "whisker, suspension or poisson_ratio: found other parameters than those of {}, expected the same",
@@ -651,7 +666,7 @@ impl Method for OfSpace {
             );
         }
         let knowledge = Arc::new(SpatialKnowledge {
-            calibrated: testbed::space::replay::read_by(&calibration.calibrated(path, None)?, calibration.sensor()),
+            calibrated: calibrated.clone(),
             noise_sd_n_m: prior.noise_sd_n_m,
             rate_hz: prior.rate_hz,
         });
