@@ -155,7 +155,7 @@ const SCORES: &[Score] = &[
     Score {
         groups: &GROUPS,
         id: "early_coverage",
-        what: "share of the instants of the first second after a touch at which the 95 % ellipsoid contains the true contact",
+        what: "share of the instants of the first second of each touch at which the 95 % ellipsoid contains the true contact",
         relation: Relation::AtLeast,
         bound: 88.0,
         unit: "%",

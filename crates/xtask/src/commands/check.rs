@@ -42,7 +42,7 @@ fn rust_lints() -> Outcome {
 }
 
 fn rust_documentation() -> Outcome {
-    // With the examples, dependencies have the features that the tests need, and are not checked a second time after the lints.
+    // The examples are included so that dependencies have the same features as in the lints, and are not checked again.
     let targets = ["--lib", "--bin", "ros2-node", "--bin", "xtask", "--examples"];
     let mut command = cargo(&[&["doc", "--workspace", "--no-deps"], &targets[..]].concat());
     command.env("RUSTDOCFLAGS", "--deny warnings");

@@ -18,7 +18,7 @@ use crate::tools::built_whisker;
 /// Number of whiskers.
 const WHISKERS: usize = 6;
 
-/// Whiskers of a measurement. Columns of poses are also their keys in the messages.
+/// Whiskers and messages of a measurement. The columns of a pose are also its keys in the messages.
 struct Setting {
     suite: &'static str,
     /// Traces that the whiskers replay, forward and backward in turn, and their calibrations.
@@ -27,12 +27,12 @@ struct Setting {
     pose: &'static [&'static str],
     /// Columns of the readings, and their keys.
     readings: &'static [(&'static str, &'static str)],
-    /// Time between the first lines and the first readings, in which the calibrations are read: those in space are tabulated.
+    /// Time between the first lines and the first readings, in which the calibrations are read and, in space, tabulated.
     start: Duration,
     /// Beginning of the identifiers of the results, and their description.
     rows: &'static str,
     about: &'static str,
-    /// Arguments of the command that measures it.
+    /// Arguments of `cargo xtask live` that select this setting.
     arguments: &'static str,
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     Ok(())
 }
 
-/// Whiskers, and duration in seconds.
+/// Setting, and duration in seconds.
 fn asked(arguments: &[String]) -> Result<(&'static Setting, u64), Failure> {
     let (setting, rest) = match arguments {
         [option, rest @ ..] if option == "--space" => (&IN_SPACE, rest),
@@ -123,10 +123,7 @@ fn asked(arguments: &[String]) -> Result<(&'static Setting, u64), Failure> {
             Ok(duration_s) if duration_s >= 10 => Ok((setting, duration_s)),
             _ => Err(Failure::new(format!("--seconds: found `{seconds}`, expected 10 or more"))),
         },
-        _ => Err(Failure::new(format!(
-            "found `{}`, expected --space, --seconds N or both in this order",
-            rest.join(" ")
-        ))),
+        _ => Err(Failure::new(format!("found `{}`, expected [--space] [--seconds N]", arguments.join(" ")))),
     }
 }
 

@@ -123,7 +123,7 @@ struct Sample<K: Kind> {
 struct Whisker<T: Method> {
     name: Option<String>,
     path: PathBuf,
-    /// The same for all whiskers with this path.
+    /// Shared by all whiskers with this path.
     calibration: Arc<T::Calibration>,
     worker: Option<Worker<T>>,
 }
@@ -612,7 +612,7 @@ impl Method for InPlane {
     }
 }
 
-/// A calibration in space, whose sensor model has been tabulated.
+/// A calibration in space and its tabulated sensor model.
 struct Tabulated {
     file: SpatialCalibrationFile,
     calibrated: Arc<CalibratedSpace>,

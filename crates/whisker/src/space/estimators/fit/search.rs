@@ -49,7 +49,7 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
-    /// Covariance of the gradient by errors that are independent from reading to reading.
+    /// Covariance of the gradient due to errors that are independent from reading to reading.
     scatter: SMatrix<f64, N, N>,
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
     /// extrapolation, that of the tilt, and that of the tilt by inertia.
@@ -83,10 +83,10 @@ impl<const N: usize> Quadratic<N> {
         found
     }
 
-    /// Covariance of the state at a minimum. The inverse of the curvature carries errors of the gradient over to the state: those that
-    /// are independent from reading to reading, and those that are the same at all contacts. The errors of the sensor model reduce the
-    /// weight of a reading, but are of the second kind alone. The covariance of the tilt is zero. `None` unless the curvature is
-    /// positive definite.
+    /// Covariance of the state at a minimum. The inverse of the curvature maps errors of the gradient to errors of the state: those that
+    /// are independent from reading to reading, and those that are common to all readings. Errors of the sensor model reduce the weight
+    /// of a reading, but count only as common errors, unless the links account for them. The covariance of the tilt is zero. `None`
+    /// unless the curvature is positive definite.
     pub(super) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let inverse = self.curvature.cholesky()?.inverse();
         let common = inverse * self.pull;
@@ -332,8 +332,8 @@ impl<Body: Object, const N: usize> Search<Body, N> {
 mod tests {
     use super::*;
 
-    /// The mean of readings whose independent errors have the variance `n`, with an error common to all of the variance `m`, has the
-    /// variance `n / readings + m`, whatever the weight of the readings.
+    /// The mean of readings with independent errors of variance `n` and one common error of variance `m` has the variance
+    /// `n / readings + m`, whatever the weight of the readings.
     #[test]
     fn verif_common_errors_are_counted_once_and_not_reduced_by_the_number_of_readings() {
         let (n, m) = (4.0, 0.25_f64);

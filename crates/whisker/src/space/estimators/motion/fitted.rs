@@ -19,7 +19,7 @@ const PARTS: usize = 8;
 /// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported, as is the next.
 const UNKNOWN_SHARE: f64 = 0.3;
 
-/// Smallest standard deviation of the tilt (rad).
+/// Smallest standard deviation of the unknown part of the tilt (rad).
 const LEAST_UNKNOWN_RAD: f64 = 2e-4;
 
 /// Tilt of the normal by the inertia of the wire.
