@@ -48,7 +48,7 @@ batch:
 rig *arguments:
     @cargo xtask rig "$@"
 
-# Measure latency, losses and memory of live estimation with six whiskers: just live [--seconds N]
+# Measure latency, losses and memory of live estimation with six whiskers: just live [--space] [--seconds N]
 live *arguments:
     @cargo xtask live "$@"
 

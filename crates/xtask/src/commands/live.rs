@@ -213,7 +213,7 @@ fn measure(setting: &Setting, duration_s: u64) -> Result<Measured, Failure> {
     let (origin, over, id) = (Instant::now(), AtomicBool::new(false), child.id());
     let (ended, memory) = thread::scope(|scope| {
         let answers = scope.spawn(|| listen(setting, stdout, &sent, origin));
-        let memory = scope.spawn(|| watch(id, duration_s, &over));
+        let memory = scope.spawn(|| watch(id, setting.start + Duration::from_secs(duration_s).mul_f64(WARM), &over));
         let written = send(setting, stdin, &sweeps, &sent, origin, duration_s);
         over.store(true, Ordering::Relaxed);
         let answers = answers.join().expect("the listener does not panic");
@@ -325,8 +325,8 @@ fn listen(setting: &Setting, stdout: ChildStdout, sent: &[AtomicU64], origin: In
     answers
 }
 
-/// Largest resident memory of a process in the first part of the duration and in all of it (MB).
-fn watch(id: u32, duration_s: u64, over: &AtomicBool) -> (f64, f64) {
+/// Largest resident memory of a process up to a time since the start, and in all (MB).
+fn watch(id: u32, warm: Duration, over: &AtomicBool) -> (f64, f64) {
     let begun = Instant::now();
     let (mut warm_mb, mut all_mb) = (0.0_f64, 0.0_f64);
     while !over.load(Ordering::Relaxed) {
@@ -335,7 +335,7 @@ fn watch(id: u32, duration_s: u64, over: &AtomicBool) -> (f64, f64) {
             status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
         let mb = kb.map_or(0.0, |kb: f64| 1e-3 * kb);
         all_mb = all_mb.max(mb);
-        if begun.elapsed().as_secs_f64() < WARM * duration_s as f64 {
+        if begun.elapsed() < warm {
             warm_mb = all_mb;
         }
         sleep(Duration::from_millis(200));

@@ -70,7 +70,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "kills", about: "Kill commands at random moments or fill their disk, repeat them, and compare their files: kills [--count N] [--seed S]", run: With(kills::run) },
     Command { name: "bench", about: "Run the benchmarks", run: Plain(bench::run) },
     Command { name: "batch", about: "Measure time and memory of batches and long traces", run: Plain(batch::run) },
-    Command { name: "live", about: "Measure latency, losses and memory of live estimation with six whiskers: live [--seconds N]", run: With(live::run) },
+    Command { name: "live", about: "Measure latency, losses and memory of live estimation with six whiskers: live [--space] [--seconds N]", run: With(live::run) },
     Command { name: "package", about: "Measure the Python package: installation, size, and times compared with those in Rust", run: Plain(package::run) },
     Command { name: "peers", about: "Time the filters against other libraries: results/reference/peers.csv", run: Plain(peers::run) },
 ];

@@ -49,7 +49,8 @@ pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
-    /// Covariance of the gradient due to errors that are independent from reading to reading.
+    /// Covariance of the gradient due to errors that are independent from reading to reading. If the links account for correlated
+    /// errors of the sensor model, that of the changes from mean to mean, which includes the errors of the extrapolation.
     scatter: SMatrix<f64, N, N>,
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
     /// extrapolation, that of the tilt, and that of the tilt by inertia.
@@ -179,6 +180,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
         let weighted = factor.solve(&slopes);
         quadratic.curvature += slopes.tr_mul(&weighted) * weight;
+        // The variance of an outlier counts as larger by the inverse of its weight.
         quadratic.scatter += weighted.tr_mul(&(independent * weighted)) * weight;
         quadratic.pull += slopes.tr_mul(&factor.solve(&common)) * weight;
         true

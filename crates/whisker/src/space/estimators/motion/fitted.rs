@@ -16,10 +16,10 @@ const STEP_S2: f64 = 1e-6;
 const PARTS: usize = 8;
 
 /// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
-/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported, as is the next.
+/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
 const UNKNOWN_SHARE: f64 = 0.3;
 
-/// Smallest standard deviation of the unknown part of the tilt (rad).
+/// Smallest standard deviation of the unknown part of the tilt (rad), chosen likewise.
 const LEAST_UNKNOWN_RAD: f64 = 2e-4;
 
 /// Tilt of the normal by the inertia of the wire.
