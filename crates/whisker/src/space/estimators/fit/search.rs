@@ -154,8 +154,8 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
         let by_tilt = by_contact * by_tilt * inertial.sd_rad();
         let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
-        let independent = side.noise_of_mean_n2_m2(mean.count) + Matrix2::identity() * inertia_n2_m2;
-        let mut independent = independent + by_tilt * by_tilt.transpose();
+        let noise_n2_m2 = side.noise_of_mean_n2_m2(mean.count);
+        let mut independent = noise_n2_m2 + Matrix2::identity() * inertia_n2_m2 + by_tilt * by_tilt.transpose();
         let covariance = expected.covariance_n2_m2() + independent;
         let Some(mut factor) = covariance.cholesky() else { return false };
         let mut residual = expected.reading_n_m - mean.reading_n_m;
@@ -167,21 +167,19 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
             common.fixed_columns_mut::<2>(0).fill(0.0);
             let place = mean.base().apply(side.middle);
             let model_n2_m2 = expected.model_n2_m2.trace();
-            let noise_n2_m2 = side.noise_of_mean_n2_m2(mean.count).trace();
-            let share = (model_n2_m2 / (model_n2_m2 + noise_n2_m2)).sqrt();
+            let share = (model_n2_m2 / (model_n2_m2 + noise_n2_m2.trace())).sqrt();
             let link = Link::new(&factor, (residual, slopes, common), place, share);
             (residual, slopes, common) = link.change_from(quadratic.last.as_ref(), length_m);
             (factor, independent) = (Cholesky::pack_dirty(Matrix2::identity()), Matrix2::identity());
             quadratic.last = Some(link);
         }
-        let squared = residual.dot(&factor.solve(&residual));
-        let (cost, weight) = logarithmic_cost(squared, self.gate_sds);
+        let (solved_residual, solved_slopes) = (factor.solve(&residual), factor.solve(&slopes));
+        let (cost, weight) = logarithmic_cost(residual.dot(&solved_residual), self.gate_sds);
         quadratic.cost += cost;
-        quadratic.gradient += slopes.tr_mul(&factor.solve(&residual)) * weight;
-        let weighted = factor.solve(&slopes);
-        quadratic.curvature += slopes.tr_mul(&weighted) * weight;
+        quadratic.gradient += slopes.tr_mul(&solved_residual) * weight;
+        quadratic.curvature += slopes.tr_mul(&solved_slopes) * weight;
         // The variance of an outlier counts as larger by the inverse of its weight.
-        quadratic.scatter += weighted.tr_mul(&(independent * weighted)) * weight;
+        quadratic.scatter += solved_slopes.tr_mul(&(independent * solved_slopes)) * weight;
         quadratic.pull += slopes.tr_mul(&factor.solve(&common)) * weight;
         true
     }
