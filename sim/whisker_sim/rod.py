@@ -61,28 +61,38 @@ def spatially_loaded(
     state = np.concatenate((np.zeros((count, 1, 3)), np.broadcast_to(np.eye(3), (count, 3, 3))), axis=1)
     ends_m = np.cumsum([arc.length_m for arc in whisker.curvature])
     starts_m = np.concatenate(([0.0], ends_m[:-1]))
+    unbent = np.array((1.0 + poisson_ratio, 1.0, 1.0))
     for start_m, end_m, arc in zip(starts_m[::-1], ends_m[::-1], whisker.curvature[::-1], strict=True):
         # If the contact lies nearer to the root than this piece, its step is zero.
         near_m = np.clip(arc_m, start_m, end_m)
         step_m = (start_m - near_m) / steps
+        if not step_m.any():
+            continue
         h = step_m[:, None, None]
 
-        def slope(state: Array, s_m: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
+        def compliance(s_m: Array) -> Array:
+            bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.diameter_m(s_m) ** 4 / 64.0
+            return unbent / bending_n_m2[:, None]
+
+        def slope(state: Array, compliance: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
             position, directors = state[:, 0], state[:, 1:]
             moment = _cross(force_n, position)
             about = np.einsum("nij,nj->ni", directors, moment)
-            bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.diameter_m(s_m) ** 4 / 64.0
-            about *= np.array((1.0 + poisson_ratio, 1.0, 1.0)) / bending_n_m2[:, None]
+            about *= compliance
             about[:, 2] += curvature_per_m
             curvature = np.einsum("ni,nij->nj", about, directors)
-            return np.concatenate((directors[:, :1], _cross(curvature[:, None], directors)), axis=1)
+            changes = np.empty_like(state)
+            changes[:, 0] = directors[:, 0]
+            changes[:, 1:] = _cross(curvature[:, None], directors)
+            return changes
 
         for index in range(steps):
             s_m = near_m + index * step_m
-            k1 = slope(state, s_m)
-            k2 = slope(state + 0.5 * h * k1, s_m + 0.5 * step_m)
-            k3 = slope(state + 0.5 * h * k2, s_m + 0.5 * step_m)
-            k4 = slope(state + h * k3, s_m + step_m)
+            at_start, midway, at_end = (compliance(s_m + share * step_m) for share in (0.0, 0.5, 1.0))
+            k1 = slope(state, at_start)
+            k2 = slope(state + 0.5 * h * k1, midway)
+            k3 = slope(state + 0.5 * h * k2, midway)
+            k4 = slope(state + h * k3, at_end)
             state = state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     position, to_root = state[:, 0], state[:, 1:]
     in_root = np.einsum("nij,nj->ni", to_root, _cross(force_n, position))

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
+use evaluation::space::SpatialRunWhisker;
 use files::Error;
 use live::LiveEstimator;
 use live::counts::{Counts, Sensor};
@@ -12,7 +13,6 @@ use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::{MapConfig, Observer};
 use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
-use testbed::space::SpatialRunWhisker;
 use testbed::space::replay::{knowledge, read_calibration};
 use trace::{CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};

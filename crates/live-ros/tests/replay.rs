@@ -9,12 +9,12 @@ use bag::messages::{
     AnyMessage, Header, JointState, MagneticField, PoseWithCovarianceStamped, Quaternion, TfMessage, Time, Transform,
     TransformStamped, Vector3, Wrench, WrenchStamped,
 };
+use evaluation::fit::{FitSettings, Models, fit};
 use indicatif::ProgressBar;
 use live_ros::{Drawing, Form, Latency, Mapper, Setup, Taken};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::dataset::Dataset;
-use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::FrontEndConfig;
 use testbed::replay::{estimator, knowledge, samples};
 use trace::{CalibrationFile, Role, Trace};

@@ -1,7 +1,7 @@
 //! Recordings in space played as messages, against the replay of the same traces.
 
 mod played;
-#[path = "../../testbed/tests/space_dataset/mod.rs"]
+#[path = "../../evaluation/tests/space_dataset/mod.rs"]
 mod space_dataset;
 
 use std::f64::consts::PI;
@@ -9,12 +9,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bag::messages::{AnyMessage, Header, PointCloud2, Quaternion, TfMessage, Time, Transform, TransformStamped};
+use evaluation::space::fit::fit;
 use indicatif::ProgressBar;
 use live_ros::{Drawing, Form, Latency, Mapper, Mapping, Setup, Taken};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use testbed::space::fit::fit;
 use testbed::space::replay::{knowledge, read_calibration, registered, replay, samples};
 use testbed::space::{readings_n_m, to_world};
 use trace::SpatialTrace;

@@ -29,7 +29,7 @@
 //! use indicatif::ProgressBar;
 //! use live::{Disturbance, LiveEstimator, Timing, messages, play};
 //! use testbed::dataset::Dataset;
-//! use testbed::fit::{FitSettings, Models, fit};
+//! use evaluation::fit::{FitSettings, Models, fit};
 //! use testbed::front_end::FrontEndConfig;
 //! use testbed::replay::{estimator, knowledge};
 //! use trace::{CalibrationFile, Role, Trace};

@@ -22,8 +22,8 @@
 //! # use files::sha256;
 //! use indicatif::ProgressBar;
 //! # use testbed::dataset::Dataset;
-//! # use testbed::evaluate::{EvaluateSettings, evaluate};
-//! # use testbed::fit::{FitSettings, Models, fit};
+//! # use evaluation::evaluate::{EvaluateSettings, evaluate};
+//! # use evaluation::fit::{FitSettings, Models, fit};
 //! # use trace::{Role, Trace};
 //!
 //! # fn main() -> anyhow::Result<()> {

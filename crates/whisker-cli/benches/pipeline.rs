@@ -6,14 +6,14 @@ use std::slice;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use evaluation::evaluate::{EvaluateSettings, Evaluated, evaluate};
+use evaluation::fit::{FitSettings, Models, fit};
 use files::sha256;
 use indicatif::ProgressBar;
 use report::report;
 use serde_json::json;
 use tempfile::TempDir;
 use testbed::dataset::Dataset;
-use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
-use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::{FRONT_ENDS, FrontEnd, FrontEndConfig, Mounting, SensorInput};
 use trace::{Role, Trace};
 

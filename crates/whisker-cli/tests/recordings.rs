@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::slice;
 
+use evaluation::evaluate::{EvaluateSettings, Evaluated, evaluate};
+use evaluation::fit::{FitSettings, Models, fit};
 use files::{sha256, write_json};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{EvaluateSettings, Evaluated, evaluate};
-use testbed::fit::{FitSettings, Models, fit};
 use testbed::results::{EstimateRow, GridRow, MapObjectRow, MapPointRow, MapRow, Run, read_rows};
 use trace::{Outline, Role, Trace};
 use whisker::frames::{Point, Pose, World};

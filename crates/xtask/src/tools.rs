@@ -63,6 +63,25 @@ fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
     command
 }
 
+/// The same command with a lower priority for the processor, where the system has the program `nice`.
+pub(crate) fn with_low_priority(command: Command) -> Command {
+    if !cfg!(unix) {
+        return command;
+    }
+    let mut nice = Command::new("nice");
+    nice.args(["-n", "5"]).arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => nice.env(name, value),
+            None => nice.env_remove(name),
+        };
+    }
+    if let Some(folder) = command.get_current_dir() {
+        nice.current_dir(folder);
+    }
+    nice
+}
+
 /// Runs a command to its end; its output goes to the terminal unchanged.
 pub(crate) fn run(command: Command) -> Outcome {
     start(command)?.finish()

@@ -5,11 +5,11 @@ mod space;
 
 use std::fmt;
 
+use evaluation::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine, SpatialAnswerLine};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strict_json::{parse_json, reason, shown};
-use testbed::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine, SpatialAnswerLine};
 use whisker::Whisker;
 use whisker::frames::{Base, Pose, World};
 

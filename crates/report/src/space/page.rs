@@ -3,7 +3,7 @@
 use anyhow::Result;
 use maud::{Markup, html};
 use serde_json::json;
-use testbed::space::evaluate::SpatialSummaryRow;
+use testbed::space::rows::SpatialSummaryRow;
 use whisker::space::estimators::{MethodClass, spatial_estimator};
 
 use super::Data;

@@ -1,7 +1,7 @@
 //! Scores of every group of trials, as rows of markers.
 
 use anyhow::Result;
-use testbed::space::evaluate::SpatialSummaryRow;
+use testbed::space::rows::SpatialSummaryRow;
 
 use super::Data;
 use crate::axes::{Axis, Panel, Rect, equal};
@@ -13,6 +13,12 @@ const GROUP_PX: f64 = 30.0;
 
 /// Smallest height of a picture.
 const LEAST_PX: f64 = 300.0;
+
+/// Smallest distance of the panels from the left border, which holds the names of the groups.
+const LEAST_LEFT_PX: f64 = 110.0;
+
+/// Distance of the name of a group from its panel, and at least from the border.
+const NAME_GAP_PX: f64 = 12.0;
 
 /// Share of the height of a row over which the markers of the estimators are spread.
 const SPREAD: f64 = 0.6;
@@ -128,13 +134,15 @@ fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
             entries.push(LegendEntry::line(limit.name, INK, 2.0));
         }
         let below = legend(canvas, (16.0, 18.0), &entries)?;
-        let frames = Rect::inside(canvas, [110.0, below + 44.0, 18.0, 48.0]).columns(&equal(panels.len()), 28.0);
+        let widest_px = groups.iter().map(|name| canvas.text_width_px(name, LABEL)).fold(0.0, f64::max);
+        let left_px = LEAST_LEFT_PX.max(widest_px + 2.0 * NAME_GAP_PX);
+        let frames = Rect::inside(canvas, [left_px, below + 44.0, 18.0, 48.0]).columns(&equal(panels.len()), 28.0);
         for (column, ((title, marks, limits), frame)) in panels.iter().zip(frames).enumerate() {
             let panel = Panel::new(canvas, frame, title, axis.clone(), Axis::places(groups.len()))?;
             for (row, name) in groups.iter().rev().enumerate() {
                 let (_, y) = panel.at((1.0, row as f64));
                 if column == 0 {
-                    canvas.text(name, (frame.left - 12.0, y + 4.0), LABEL.aligned(Align::Right))?;
+                    canvas.text(name, (frame.left - NAME_GAP_PX, y + 4.0), LABEL.aligned(Align::Right))?;
                 }
                 if row > 0 {
                     let (_, border) = panel.at((1.0, row as f64 - 0.5));

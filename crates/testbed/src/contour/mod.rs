@@ -77,26 +77,26 @@ impl Contour {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Row of the trace.
-    pub(crate) row: usize,
+    pub row: usize,
     /// Row of the start of the touch.
-    pub(crate) touch: usize,
+    pub touch: usize,
     /// Time since the start of the touch.
-    pub(crate) since_touch_s: f64,
+    pub since_touch_s: f64,
     /// Position on the surface, in World.
     pub at: Vector2<f64>,
     /// Unit outward normal in World, from the object to the whisker.
-    pub(crate) normal: Vector2<f64>,
+    pub normal: Vector2<f64>,
     /// Covariance of the position in World, if stated.
-    pub(crate) covariance_m2: Option<Matrix2<f64>>,
+    pub covariance_m2: Option<Matrix2<f64>>,
     /// Whether the estimate is that of an instant at which a second contact had taken load.
-    pub(crate) is_second: bool,
+    pub is_second: bool,
     /// Whether its models were in doubt.
-    pub(crate) is_doubtful: bool,
+    pub is_doubtful: bool,
 }
 
 impl SurfacePoint {
     /// Direction of the outward normal.
-    pub(crate) fn normal_rad(&self) -> f64 {
+    pub fn normal_rad(&self) -> f64 {
         self.normal.y.atan2(self.normal.x)
     }
 

@@ -3,13 +3,10 @@
 //! Each whisker of a recording has its own estimator, without knowledge of the others; their estimates have the common
 //! frame World. The map contains the contact points of all whiskers, grouped into objects (`gating`); the outline of
 //! each object with its uncertainty ([`Contour`]); a circle if the outline is round ([`Circle::round`]); and an
-//! occupancy grid (`grid`). It is built without ground truth; scoring (`score`) looks up the truth by whisker and row
-//! afterwards.
+//! occupancy grid (`grid`). It is built without ground truth.
 
 mod gating;
 mod grid;
-#[cfg(feature = "evaluation")]
-mod score;
 mod view;
 
 use anyhow::bail;
@@ -18,8 +15,6 @@ use serde::{Deserialize, Serialize};
 pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
 pub use grid::{Cell, Grid};
-#[cfg(feature = "evaluation")]
-pub(crate) use score::{MapScore, Truths, score_map};
 pub use view::{Observer, Seen, View};
 
 /// Settings of the map.

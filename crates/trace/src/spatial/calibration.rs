@@ -148,14 +148,14 @@ impl SpatialCalibrationFile {
         })
     }
 
-    /// Reads and checks a calibration file in space.
+    /// Reads a calibration file in space and checks all but its sensor models: these are checked by [`Self::calibrated`], because
+    /// loading one takes up to a second.
     ///
     /// # Errors
     /// [`Error`] with file and place. A planar calibration, which has no contacts out of the plane, is named as such.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let file: Self = read_json(path).map_err(|error| other_format(path, SPATIAL_FORMAT, "calibration", error))?;
         file.check(path)?;
-        file.calibrated(path, None)?;
         Ok(file)
     }
 
@@ -181,14 +181,18 @@ impl SpatialCalibrationFile {
     /// # Errors
     /// [`Error::Value`] if there is no such model, or if it is invalid.
     pub fn calibrated(&self, path: &Path, label: Option<&str>) -> Result<Arc<CalibratedSpace>, Error> {
-        let model = self.model(label).ok_or_else(|| {
+        self.load(path, self.known_model(path, label)?).map(Arc::new)
+    }
+
+    /// [`Self::model`], or an error that names the file.
+    fn known_model(&self, path: &Path, label: Option<&str>) -> Result<&SpatialModelFile, Error> {
+        self.model(label).ok_or_else(|| {
             let known = self.models.iter().map(|model| model.label.as_str()).collect::<Vec<_>>().join(", ");
             match label {
                 Some(label) => Error::value(path, "models", known, format!("`{label}` among them")),
                 None => Error::value(path, "chosen", &self.chosen, format!("one of the fitted models: {known}")),
             }
-        })?;
-        self.load(path, model).map(Arc::new)
+        })
     }
 
     fn load(&self, path: &Path, model: &SpatialModelFile) -> Result<CalibratedSpace, Error> {
@@ -266,6 +270,7 @@ impl SpatialCalibrationFile {
         if !(self.largest_reading_n_m.is_finite() && self.largest_reading_n_m > 0.0) {
             return Err(Error::value(path, "largest_reading_n_m", self.largest_reading_n_m, "a positive number"));
         }
+        self.known_model(path, None)?;
         self.models.iter().try_for_each(|model| model.check(path))
     }
 }

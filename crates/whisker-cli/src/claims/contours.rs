@@ -1,9 +1,9 @@
 //! Objects of every shape: errors of contact and outline, and coverage of their stated regions.
 
 use anyhow::Context as _;
+use evaluation::evaluate::{EvaluateSettings, evaluate};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
-use testbed::evaluate::{EvaluateSettings, evaluate};
 use testbed::metrics::{Metric, consistency, contour};
 
 use super::{Claim, Context, Evaluation, RECOMMENDED, WHISKERS, in_words};

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use anyhow::Context as _;
+use evaluation::evaluate::{EvaluateSettings, evaluate};
 use indicatif::ProgressBar;
-use testbed::evaluate::{EvaluateSettings, evaluate};
 use testbed::results::{SummaryRow, read_scores, score_bytes};
 
 use super::{Claim, Context};

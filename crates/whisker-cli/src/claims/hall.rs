@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::Context as _;
+use evaluation::evaluate::{EvaluateSettings, evaluate};
 use indicatif::ProgressBar;
 use testbed::dataset::Dataset;
-use testbed::evaluate::{EvaluateSettings, evaluate};
 use testbed::front_end::{FRONT_ENDS, shift_counts};
 use testbed::metrics::{consistency, error};
 use testbed::results::TurnRow;

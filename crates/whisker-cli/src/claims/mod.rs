@@ -38,14 +38,14 @@ use trace::SensorFile;
 
 use whisker::estimators::{ESTIMATORS, EstimatorRow, MethodClass};
 
+use evaluation::space::SpatialRun;
 use testbed::dataset::Dataset;
 use testbed::metrics::Metric;
 use testbed::results::{
     ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, QuantityRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
     csv_bytes, read_rows, read_scores,
 };
-use testbed::space::SpatialRun;
-use testbed::space::evaluate::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::statistics::mean;
 
 /// Side of the bound on which a figure has to lie.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use testbed::metrics::{Metric, consistency, doubt};
 use testbed::results::TrialRow;
-use testbed::space::evaluate::SpatialTrialRow;
+use testbed::space::rows::SpatialTrialRow;
 use testbed::statistics::{beyond, mean};
 use trace::Sidecar;
 

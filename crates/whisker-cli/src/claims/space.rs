@@ -1,6 +1,6 @@
 //! Contacts in space: the suite of scenes in space.
 
-use testbed::space::evaluate::SpatialSummaryRow;
+use testbed::space::rows::SpatialSummaryRow;
 
 use super::{Claim, Context, RECOMMENDED, Relation, WHISKERS, in_words};
 

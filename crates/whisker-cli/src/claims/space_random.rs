@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use testbed::metrics::MOST_MISSING;
-use testbed::space::evaluate::SpatialTrialRow;
+use testbed::space::rows::SpatialTrialRow;
 use testbed::statistics::{mean, median};
 
 use super::sets::{Set, coverage_of, doubt_false_per_min, doubt_found, overconfident, sets_of, share};

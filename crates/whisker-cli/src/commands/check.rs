@@ -3,17 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
+use evaluation::plausibility::{Subject, spatial_findings};
+use evaluation::space::SpatialRun;
 use files::read_json;
 use recorded::benchmark::{FaceScore, MapScore, PinSummary, SettingsUsed, SweepScore};
 use recorded::pins::PinScore;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
-use testbed::plausibility::{Subject, spatial_findings};
 use testbed::results::files::{Rows, run_file};
 use testbed::results::{RUN_FILES, ResultsKind, Run, read_rows};
-use testbed::space::SpatialRun;
 use testbed::space::files::SPATIAL_RUN_FILES;
 use trace::{
     ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
@@ -102,9 +102,9 @@ fn check(path: &Path) -> anyhow::Result<String> {
         Some("recording") => check_recording(path),
         Some("calibration") if is_spatial(path)? => {
             let calibration = SpatialCalibrationFile::read(path)?;
-            let model = calibration.model(None).with_context(|| format!("{}: chosen", path.display()))?;
-            let share = 100.0 * model.heldout_rms_n_m / calibration.largest_reading_n_m;
-            let (whisker, label) = (&calibration.whisker.name, &model.label);
+            let calibrated = calibration.calibrated(path, None)?;
+            let share = 100.0 * calibrated.heldout_rms_n_m / calibrated.largest_reading_n_m;
+            let (whisker, label) = (&calibration.whisker.name, &calibrated.label);
             let through =
                 calibration.front_end.as_ref().map_or_else(String::new, |of| format!("; through `{}`", of.name));
             Ok(format!(

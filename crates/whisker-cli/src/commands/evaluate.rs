@@ -8,20 +8,20 @@ use std::thread::{self, sleep};
 use std::time::Duration;
 
 use anyhow::{Context, bail};
+use evaluation::evaluate::{
+    EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
+};
+use evaluation::participant::{Program, end_programs};
 use files::read_json;
 use platform::interrupt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::evaluate::{
-    EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
-};
 use testbed::front_end::{FrontEnd, SpatialFrontEnd};
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
-use testbed::participant::{Program, end_programs};
 use testbed::results::{FailureRow, SummaryRow};
 use trace::Miscalibration;
 use whisker::events::{FORMER_NAMES, TouchConfig};
@@ -54,7 +54,7 @@ enum Starts {
     Wrong,
 }
 
-impl From<Starts> for testbed::evaluate::Starts {
+impl From<Starts> for evaluation::evaluate::Starts {
     fn from(starts: Starts) -> Self {
         match starts {
             Starts::Undeflected => Self::Undeflected,

@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
+use evaluation::fit::{FitSettings, Models, fit};
+use evaluation::space::fit::SpatialFitSettings;
 use serde_json::Value;
 use testbed::dataset::{CALIBRATIONS, Dataset};
-use testbed::fit::{FitSettings, Models, fit};
 use testbed::front_end::{FrontEnd, Mounting, SpatialFrontEnd};
-use testbed::space::fit::SpatialFitSettings;
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face, PinFriction};
 

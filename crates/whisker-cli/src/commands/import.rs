@@ -6,10 +6,10 @@ use std::process::ExitCode;
 use std::slice;
 
 use anyhow::{Context, bail};
+use evaluation::plausibility::{Subject, spatial_findings};
 use files::{Error, check_replaces_own, read_json, write_atomically};
 use importers::{IMPORTERS, Imported, importer};
 use serde_json::Value;
-use testbed::plausibility::{Subject, spatial_findings};
 use trace::{Outline, Role, Sidecar, SpatialSidecar, SpatialTrace, Trace, is_trace_table};
 
 use super::output::reserve_folder;

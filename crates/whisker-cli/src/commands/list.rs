@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use clap::builder::PossibleValuesParser;
+use evaluation::plausibility::{SPATIAL_TESTS, TESTS};
 use importers::IMPORTERS;
 use platform::calibration::logs::LAYOUTS;
 use platform::calibration::regression::REGRESSIONS;
@@ -10,7 +11,6 @@ use platform::sensor::FORMATS;
 use serde_json::{Value, json};
 use testbed::front_end::{FRONT_ENDS, SPATIAL_FRONT_ENDS, SpatialFrontEndRow};
 use testbed::metrics::METRICS;
-use testbed::plausibility::{SPATIAL_TESTS, TESTS};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::DETECTORS;
 use whisker::sensor::MODELS;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use evaluation::space::mount::mount;
 use nalgebra::Vector3;
-use testbed::space::mount::mount;
 
 use super::output::reserve;
 use super::played::check_trace;

@@ -6,17 +6,19 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::bail;
+use evaluation::participant::Program;
+use evaluation::space::evaluate::SpatialEvaluateSettings;
+use evaluation::space::evaluate_into;
+use evaluation::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use files::{check_replaces_own, write_atomically};
 use nalgebra::Vector2;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::{FrontEndConfig, SpatialFrontEnd};
-use testbed::participant::Program;
 use testbed::results::csv_bytes;
-use testbed::space::evaluate::{SpatialEvaluateSettings, SpatialSummaryRow, SpatialTimesRow};
-use testbed::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use testbed::space::replay::{calibrated, knowledge, read_calibration, replay, samples};
-use testbed::space::{SpatialEstimateRow, evaluate_into, largest_reading_n_m, spatial_estimate_row};
+use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow};
+use testbed::space::{SpatialEstimateRow, largest_reading_n_m, spatial_estimate_row};
 use trace::{Sidecar, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, Trace, is_spatial};
 use whisker::space::estimators::Knowledge;
 

@@ -1,0 +1,59 @@
+//! Registered estimators as participants.
+
+use std::sync::Arc;
+
+use anyhow::Context;
+use serde_json::Value;
+use testbed::replay::{self, Replay};
+use testbed::results::RunEstimator;
+use testbed::settings::merged;
+use whisker::estimators::{self, ESTIMATORS, EstimatorRow, Knowledge};
+
+use super::{Participant, Task};
+
+/// Registered estimator with its settings.
+pub struct Registered {
+    row: &'static EstimatorRow,
+    config: Value,
+}
+
+impl Registered {
+    /// Estimator with this name, with settings that override its defaults.
+    ///
+    /// # Errors
+    /// If the name is unknown or the settings are not a JSON object.
+    pub fn new(name: &str, overrides: &Value) -> anyhow::Result<Self> {
+        let row = estimators::estimator(name).with_context(|| {
+            let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
+            format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
+        })?;
+        let config = merged((row.defaults)(), overrides).with_context(|| format!("settings of `{name}`"))?;
+        Ok(Self { row, config })
+    }
+}
+
+impl Participant for Registered {
+    fn describe(&self) -> RunEstimator {
+        RunEstimator {
+            name: self.row.name.into(),
+            about: self.row.about.into(),
+            class: self.row.class,
+            sensor_model: self.row.sensor_model.map(Into::into),
+            config: self.config.clone(),
+        }
+    }
+
+    fn sensor_model(&self) -> Option<&'static str> {
+        self.row.sensor_model
+    }
+
+    fn check(&self, knowledge: &Arc<Knowledge>) -> anyhow::Result<()> {
+        replay::method(self.row, &self.config, knowledge).map(drop)
+    }
+
+    fn replay(&self, task: &Task<'_>) -> anyhow::Result<Replay> {
+        let &Task { knowledge, samples, touched, trace, seed } = task;
+        let mut runner = replay::runner(self.row, &self.config, knowledge, trace, seed)?;
+        Ok(replay::replay(&mut runner, samples, touched))
+    }
+}

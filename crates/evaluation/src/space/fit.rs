@@ -1,0 +1,277 @@
+//! Fit of sensor models in space: calibration traces to calibration files of format 2.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use files::write_json;
+use indicatif::ProgressBar;
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use serde_json::Value;
+use testbed::dataset::Dataset;
+use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialNoise};
+use testbed::settings::merged;
+use testbed::space::{largest_reading_n_m, to_base};
+use testbed::statistics;
+use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
+use whisker::sensor::ModelError;
+use whisker::space::frames::Point;
+use whisker::space::sensor::{
+    self, Across, SPATIAL_MODELS, Screening, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
+};
+
+use crate::fit::{Models, check_replaces_calibration};
+use crate::provenance::calibration_watermark;
+
+/// Settings of a fit in space.
+#[derive(Clone, Debug)]
+pub struct SpatialFitSettings {
+    /// Sensor models.
+    pub models: Models,
+    /// White noise that is added to the readings, as a fraction of the largest bending moment of a whisker's calibration.
+    pub noise: f64,
+    /// Seed of that noise and of the front end.
+    pub seed: u64,
+    /// Front end through which the traces are read.
+    pub front_end: FrontEndConfig,
+}
+
+/// Calibration of one whisker and its file.
+#[derive(Clone, Debug)]
+pub struct SpatialFitted {
+    /// The calibration.
+    pub calibration: SpatialCalibrationFile,
+    /// Path of its file.
+    pub path: PathBuf,
+    /// Whether it was computed. `false` if an up-to-date file was found.
+    pub is_new: bool,
+    /// Candidates that the data do not determine, with the reasons.
+    pub left_out: Vec<String>,
+}
+
+/// A sensor model to be fitted.
+struct Candidate {
+    row: &'static SpatialModelRow,
+    config: Value,
+}
+
+/// The sensor models to be fitted, given whether the sensor is a real one.
+fn candidates(models: &Models, real_sensor: bool) -> anyhow::Result<Vec<Candidate>> {
+    let candidate = |row: &'static SpatialModelRow, own: &Value| -> anyhow::Result<Candidate> {
+        Ok(Candidate { row, config: merged((row.defaults)(), own)? })
+    };
+    match models {
+        Models::Auto => {
+            let of_row =
+                |row: &'static SpatialModelRow| (row.candidates)(real_sensor).into_iter().map(move |own| (row, own));
+            SPATIAL_MODELS.iter().flat_map(of_row).map(|(row, own)| candidate(row, &own)).collect()
+        }
+        Models::One { kind, config } => Ok(vec![candidate(sensor::spatial_model(kind)?, config)?]),
+    }
+}
+
+/// Fits every whisker with calibration traces in the dataset and writes its calibration, unless an up-to-date one is there.
+/// The unit of progress is one candidate for one whisker.
+///
+/// # Errors
+/// If traces cannot be read, contradict one another, or do not determine the model.
+pub fn fit(
+    dataset: &Dataset,
+    settings: &SpatialFitSettings,
+    out: &Path,
+    progress: &ProgressBar,
+) -> anyhow::Result<Vec<SpatialFitted>> {
+    let front_end = SpatialFrontEnd::new(&settings.front_end)?;
+    let mut whiskers: BTreeMap<String, Subject> = BTreeMap::new();
+    for path in &dataset.paths {
+        let sidecar = SpatialSidecar::read(path)?;
+        if sidecar.role != Role::Calibration {
+            continue;
+        }
+        let subject = match whiskers.entry(sidecar.whisker.name) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => {
+                let candidates = candidates(&settings.models, sidecar.recorded.is_some())?;
+                new.insert(Subject { candidates, traces: Vec::new() })
+            }
+        };
+        subject.traces.push(SpatialTrace::read(path)?);
+    }
+    if whiskers.is_empty() {
+        bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Calibration.name());
+    }
+    progress.set_length(whiskers.values().map(|subject| subject.candidates.len() as u64).sum());
+    let fit = WhiskerFit { front_end: &front_end, settings, out, progress };
+    whiskers.values().map(|subject| fit.run(subject)).collect()
+}
+
+/// Calibration traces of a whisker, and the sensor models to be fitted to them.
+struct Subject {
+    candidates: Vec<Candidate>,
+    traces: Vec<SpatialTrace>,
+}
+
+/// Fit of a whisker: front end and settings, which are the same for all whiskers of a dataset.
+struct WhiskerFit<'a> {
+    front_end: &'a SpatialFrontEnd,
+    settings: &'a SpatialFitSettings,
+    /// Folder of the calibrations.
+    out: &'a Path,
+    progress: &'a ProgressBar,
+}
+
+impl WhiskerFit<'_> {
+    /// Fits the whisker of some traces, unless an up-to-date calibration is there.
+    fn run(&self, Subject { candidates, traces }: &Subject) -> anyhow::Result<SpatialFitted> {
+        let Self { front_end, settings, out, progress } = *self;
+        let first = &traces[0].sidecar;
+        let whisker = first.spatial_whisker();
+        if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
+            let reference = format!("those of {}, whose whisker has the same name", first.name);
+            let different = other.sidecar.whisker.difference(&first.whisker);
+            let reason = different.map_or_else(
+                || format!("suspension, poisson_ratio: found other values than {reference}"),
+                |difference| format!("whisker.{difference}; the parameters must be {reference}"),
+            );
+            bail!("{}: {reason}", other.sidecar.name);
+        }
+        let data_sha256 = data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256()));
+        let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
+        inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
+        inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
+        let watermark = calibration_watermark(inputs.iter().map(String::as_str));
+        let path = out.join(format!("{}.json", whisker.whisker.name));
+        check_replaces_calibration(&path, SPATIAL_FORMAT)?;
+        let is_same = |known: &SpatialCalibrationFile| {
+            known.watermark.inputs_sha256 == watermark.inputs_sha256 && known.calibrated(&path, None).is_ok()
+        };
+        if let Some(calibration) = SpatialCalibrationFile::read(&path).ok().filter(is_same) {
+            progress.inc(candidates.len() as u64);
+            return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
+        }
+        let place = || format!("whisker `{}`", whisker.whisker.name);
+        for trace in traces {
+            front_end.check_trace(&trace.sidecar)?;
+        }
+        let is_recorded = traces[0].sidecar.recorded.is_some();
+        if let Some(other) = traces.iter().find(|trace| trace.sidecar.recorded.is_some() != is_recorded) {
+            let kind = |is_recorded| if is_recorded { "a recording" } else { "a simulated trace" };
+            let (found, first) = (kind(!is_recorded), &traces[0].sidecar.name);
+            bail!("{}: found {found}, expected {}, as {first}", other.sidecar.name, kind(is_recorded));
+        }
+        // The readings of a recording already contain noise.
+        let noise_fraction = if is_recorded { 0.0 } else { settings.noise };
+        let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
+        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
+        let recordings: Vec<SpatialInput<'_>> =
+            traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
+        let sensor = front_end.calibrate(&recordings).with_context(place)?;
+        let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
+        for trace in traces {
+            let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
+            lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
+        }
+        let screening = is_recorded.then(|| sensor::screen(&whisker.whisker, &mut lines));
+        let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
+        let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
+        let data = SpatialFitData {
+            whisker: &whisker,
+            lines: &lines,
+            reference_noise_sd_n_m,
+            across: screening.map_or(Across::Normal, |screening| screening.across),
+            real_sensor: is_recorded,
+        };
+        let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
+        let data = FittedData {
+            noise_fraction,
+            seed: settings.seed,
+            front_end: None,
+            sensor: None,
+            data_sha256,
+            traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+        };
+        let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
+        let front_end = front_end.describe(sensor.into_iter().collect());
+        let calibration = SpatialCalibrationFile { front_end, ..calibration };
+        write_json(&path, &calibration)?;
+        let contacts = screening.map(|screening| not_fitted(&screening, &lines)).unwrap_or_default();
+        let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
+        Ok(SpatialFitted { calibration, path, is_new: true, left_out })
+    }
+}
+
+/// Contacts that the screening left out, one message per reason. `lines` are the remaining lines.
+fn not_fitted(screening: &Screening, lines: &[Vec<SpatialSample>]) -> Vec<String> {
+    let &Screening { ambiguous, contradicted, .. } = screening;
+    let of = ambiguous + contradicted + lines.iter().map(Vec::len).sum::<usize>();
+    let reasons = [
+        (ambiguous, "coordinates about the undeflected whisker not unique"),
+        (contradicted, "readings contradict those of all others, for example because the pin slipped off"),
+    ];
+    let stated = reasons.into_iter().filter(|(count, _)| *count > 0);
+    stated.map(|(count, reason)| format!("{count} of {of} contacts: {reason}")).collect()
+}
+
+/// Fits of the candidates, at least one, and the reasons why others were left out.
+fn fits(
+    candidates: &[Candidate],
+    data: &SpatialFitData<'_>,
+    progress: &ProgressBar,
+) -> anyhow::Result<(Vec<SpatialFit>, Vec<String>)> {
+    let fit = |candidate: &Candidate| {
+        let fitted = sensor::fit(candidate.row, &candidate.config, data);
+        progress.inc(1);
+        fitted
+    };
+    let fitted: Vec<Result<SpatialFit, ModelError>> = candidates.par_iter().map(fit).collect();
+    let (mut fits, mut failed) = (Vec::new(), Vec::new());
+    for (candidate, fitted) in candidates.iter().zip(fitted) {
+        match fitted {
+            Ok(fit) => fits.push(fit),
+            Err(ModelError::Data(reason)) if candidates.len() > 1 => {
+                failed.push((reason.clone(), format!("{} {}: {reason}", candidate.row.kind, candidate.config)));
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if fits.is_empty() {
+        bail!("no sensor model can be fitted: {}", failed[0].0);
+    }
+    Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
+}
+
+/// Smallest interval between two rows that ends a line of contacts, in sampling periods.
+const GAP: f64 = 1.5;
+
+/// Lines of known single contacts on the side of the whisker, each from touch to release or to a gap of the recording, with the
+/// readings of the sensor and those without its errors (N m), one pair per row.
+fn lines(
+    trace: &SpatialTrace,
+    readings: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>,
+) -> Vec<Vec<SpatialSample>> {
+    let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
+    let mut is_open = false;
+    let mut last_s = f64::NEG_INFINITY;
+    let rows = trace.recording.instants.iter().zip(&trace.truth.instants).zip(readings);
+    for ((known, truth), (reading_n_m, reference_n_m)) in rows {
+        is_open &= (known.t_s - last_s) * trace.sidecar.rate_hz < GAP;
+        last_s = known.t_s;
+        let Some(contact_m) = truth.contact_m() else {
+            is_open = false;
+            continue;
+        };
+        if !truth.is_single() {
+            continue;
+        }
+        if !is_open {
+            lines.push(Vec::new());
+            is_open = true;
+        }
+        let contact = to_base(&known.base).apply(Point::from_vector(contact_m));
+        let sample = SpatialSample { contact, reading_n_m, reference_n_m, count: 1.0 };
+        lines.last_mut().expect("a line is open").push(sample);
+    }
+    lines
+}
