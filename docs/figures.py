@@ -28,6 +28,7 @@ import csv
 import functools
 import json
 import math
+import operator
 import re
 import statistics
 import sys
@@ -173,17 +174,23 @@ def _commit(run: Path) -> str:
 def matching(key: str) -> list[str]:
     """Values whose key matches `key`, in the order of the table."""
     name, _, path = key.partition(".")
-    parts = path.split("/")
-    rows = ((place.split("/"), value) for place, value in values(name).items())
-    return [value for cells, value in rows if len(cells) == len(parts) and all(map(matches, parts, cells))]
+    found = values(name)
+    if "*" not in path and ".." not in path:
+        return [found[path]] if path in found else []
+    tests = [matches(part) for part in path.split("/")]
+    rows = ((place.split("/"), value) for place, value in found.items())
+    return [value for cells, value in rows if len(cells) == len(tests) and all(map(operator.call, tests, cells))]
 
 
-def matches(part: str, cell: str) -> bool:
-    """Whether a part of a key matches a cell: by equality, by `*`, or as a number in a range `0.5..1`."""
+def matches(part: str) -> Callable[[str], bool]:
+    """Predicate of the cells that a part of a key matches: by equality, by `*`, or as numbers in a range `0.5..1`."""
     least, is_range, most = part.partition("..")
     if is_range:
-        return re.fullmatch(NUMBER, cell) is not None and float(least) <= float(cell) <= float(most)
-    return re.fullmatch(".*".join(re.escape(piece) for piece in part.split("*")), cell) is not None
+        return lambda cell: re.fullmatch(NUMBER, cell) is not None and float(least) <= float(cell) <= float(most)
+    if "*" not in part:
+        return functools.partial(operator.eq, part)
+    pattern = re.compile(".*".join(re.escape(piece) for piece in part.split("*")))
+    return lambda cell: pattern.fullmatch(cell) is not None
 
 
 def figure(source: str) -> str:

@@ -34,8 +34,8 @@ class Cluster:
         self._folder, self._processes = folder, processes
         address = folder / "scheduler.json"
         self.scheduler = self._start("dask_scheduler", "--scheduler-file", address)
-        wait_for(address.is_file, self.scheduler)
-        self.address = json.loads(address.read_text())["address"]
+        wait_for(lambda: address_in(address) is not None, self.scheduler)
+        self.address = address_in(address)
 
     def add_workers(self, count: int, sources: Path = ROOT / "sim") -> list[subprocess.Popen]:
         """Starts workers with one thread each, which import these sources, and waits until they are connected."""
@@ -69,6 +69,14 @@ def end(process: subprocess.Popen) -> None:
 
 def environment_with(sources: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(sources)}
+
+
+def address_in(path: Path) -> str | None:
+    """Address in a file of the scheduler. `None` before it is written to its end."""
+    try:
+        return json.loads(path.read_text())["address"]
+    except (FileNotFoundError, ValueError):
+        return None
 
 
 def wait_for(condition: Callable[[], object], process: subprocess.Popen) -> None:

@@ -63,7 +63,7 @@ def spatially_loaded(
     starts_m = np.concatenate(([0.0], ends_m[:-1]))
     unbent = np.array((1.0 + poisson_ratio, 1.0, 1.0))
     for start_m, end_m, arc in zip(starts_m[::-1], ends_m[::-1], whisker.curvature[::-1], strict=True):
-        # If the contact lies nearer to the root than this piece, its step is zero.
+        # If a contact lies nearer to the root than this piece, its step is zero.
         near_m = np.clip(arc_m, start_m, end_m)
         step_m = (start_m - near_m) / steps
         if not step_m.any():
@@ -74,11 +74,11 @@ def spatially_loaded(
             bending_n_m2 = whisker.youngs_modulus_pa * np.pi * whisker.diameter_m(s_m) ** 4 / 64.0
             return unbent / bending_n_m2[:, None]
 
-        def slope(state: Array, compliance: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
+        def slope(state: Array, compliance_here: Array, curvature_per_m: float = arc.curvature_per_m) -> Array:
             position, directors = state[:, 0], state[:, 1:]
             moment = _cross(force_n, position)
             about = np.einsum("nij,nj->ni", directors, moment)
-            about *= compliance
+            about *= compliance_here
             about[:, 2] += curvature_per_m
             curvature = np.einsum("ni,nij->nj", about, directors)
             changes = np.empty_like(state)

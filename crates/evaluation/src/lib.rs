@@ -12,8 +12,8 @@
 //! | [`fit`] | sensor models fitted to calibration traces |
 //! | [`participant`] | what is evaluated: registered estimators and external programs |
 //! | [`evaluate`] | every participant on every trial: parallel, resumable, divisible among processes |
-//! | [`baseline`] | error of the baselines over that of an estimator |
-//! | [`plausibility`] | tests of a trace that a wrong unit, sign or rate would break |
+//! | [`baseline`] | ratio of the error of the baselines to that of an estimator |
+//! | [`plausibility`] | tests that detect a wrong unit, sign or rate in a trace |
 //! | [`space`] | fits, evaluations, maps and surfaces of traces in space |
 //!
 //! # Example

@@ -3,12 +3,12 @@
 use files::Watermark;
 use testbed::provenance::watermark;
 
-/// Watermark of a calibration that these inputs determine, together with the code that computes calibrations.
+/// Watermark of a calibration: of its inputs and of the code that computes calibrations.
 pub(crate) fn calibration_watermark<'a>(inputs: impl IntoIterator<Item = &'a str>) -> Watermark {
     watermark([env!("WHISKER_CALIBRATION_SHA256")].into_iter().chain(inputs))
 }
 
-/// Watermark of a run that these inputs determine, together with the code that computes estimates and scores.
+/// Watermark of a run: of its inputs and of the code that computes estimates and scores.
 pub(crate) fn evaluation_watermark<'a>(inputs: impl IntoIterator<Item = &'a str>) -> Watermark {
     watermark([env!("WHISKER_EVALUATION_SHA256")].into_iter().chain(inputs))
 }

@@ -2,7 +2,7 @@
 
 use files::{Digest, Watermark};
 
-/// Watermark of a file that these inputs determine. The program is identified by version and commit.
+/// Watermark of a file with these inputs. The program is identified by version and commit.
 pub fn watermark<'a>(inputs: impl IntoIterator<Item = &'a str>) -> Watermark {
     let mut digest = Digest::default();
     for piece in inputs {

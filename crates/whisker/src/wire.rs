@@ -45,7 +45,8 @@ pub struct Whisker {
     pub root_stiffness_n_m_rad: f64,
     /// Segments of the simulated chain.
     pub segments: u32,
-    /// Ratio of joint damping to joint stiffness of the simulated chain.
+    /// Ratio of damping to stiffness: of the joints of the simulated chain, and of the wire, for whose lag the fits in space correct.
+    /// Zero if it is not known.
     pub damping_s: f64,
 }
 

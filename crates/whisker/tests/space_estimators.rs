@@ -74,6 +74,37 @@ fn touched(
     at(*shift_m)
 }
 
+/// Contact of a damped whisker with a line. The force on the line is the elastic force plus the ratio of damping to stiffness `lag_s`
+/// times its rate of change since the last row, at which it was `before_n`.
+fn touched_with_lag(
+    rod: &Rod,
+    to_base: &Pose<World, Base>,
+    (point, along): (Vector3<f64>, Vector3<f64>),
+    (lag_s, before_n): (f64, &mut Option<Vector3<f64>>),
+    shift_m: &mut f64,
+) -> SpatialContact {
+    let along_base = to_base.turn_vector(along);
+    let from = to_base.apply(Point::from_vector(point)).vector();
+    let at = |shift_m: f64| rod.at_point(from + along_base * shift_m).unwrap();
+    let across = |shift_m: f64| {
+        let force_n = at(shift_m).deflection.force_n;
+        let change_n = before_n.map_or(Vector3::zeros(), |before_n| force_n - before_n);
+        (force_n + change_n * lag_s * RATE_HZ).dot(&along_base) / force_n.norm()
+    };
+    for _ in 0..30 {
+        let here = across(*shift_m);
+        let step_m = (here / ((across(*shift_m + 1e-6) - here) / 1e-6)).clamp(-5e-4, 5e-4);
+        *shift_m -= step_m;
+        if step_m.abs() < 1e-8 {
+            break;
+        }
+    }
+    assert!(across(*shift_m).abs() < 1e-5);
+    let contact = at(*shift_m);
+    *before_n = Some(contact.deflection.force_n);
+    contact
+}
+
 /// Contact of the whisker with a sphere about `center`, of this radius with that of the wire, sought from the contact `near` in
 /// Base.
 fn touched_sphere(
@@ -160,6 +191,30 @@ fn verif_a_fixed_point_is_located_with_its_covariance() {
             let normal = truth.deflection.force_n.normalize();
             assert!(normal.angle(&estimate.normal) < 0.02);
         }
+    }
+}
+
+/// A damped whisker slides along a line, for an estimator that knows the damping and one that assumes none.
+#[test]
+fn verif_the_lag_of_a_damped_whisker_is_accounted_for() {
+    const LAG_S: f64 = 4e-3;
+    let along = Vector3::new(0.1, 0.2, 0.97).normalize();
+    for knowledge in [&*STRAIGHT, &*CURVED] {
+        let point = Around::new(0.048, 0.0, 0.0).contact(&knowledge.calibrated.axis).vector();
+        let [known, unknown] = [LAG_S, 0.0].map(|damping_s| {
+            let mut calibrated = (*knowledge.calibrated).clone();
+            calibrated.whisker.whisker.damping_s = damping_s;
+            let knowledge = Arc::new(Knowledge { calibrated: Arc::new(calibrated), ..(**knowledge).clone() });
+            let (mut shift_m, mut before_n) = (0.0, None);
+            let found = replayed_contacts(&knowledge, "line-fit", (3, ROWS), 0.01, to_base, |rod, to_base| {
+                let line = (point, along);
+                Some(touched_with_lag(rod, to_base, line, (LAG_S, &mut before_n), &mut shift_m))
+            });
+            let late = &found[found.len() - 200..];
+            let squares: f64 = late.iter().map(|(estimate, truth, _)| error(estimate, truth).norm_squared()).sum();
+            (squares / late.len() as f64).sqrt()
+        });
+        assert!(known < 0.01e-3 && known < 0.4 * unknown, "{known} {unknown}");
     }
 }
 

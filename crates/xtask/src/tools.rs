@@ -63,7 +63,7 @@ fn in_repository(mut command: Command, arguments: &[&str]) -> Command {
     command
 }
 
-/// The same command with a lower priority for the processor, where the system has the program `nice`.
+/// The same command with a lower priority for the processor (`nice -n 5`). Unchanged on systems other than Unix.
 pub(crate) fn with_low_priority(command: Command) -> Command {
     if !cfg!(unix) {
         return command;

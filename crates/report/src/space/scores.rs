@@ -17,7 +17,7 @@ const LEAST_PX: f64 = 300.0;
 /// Smallest distance of the panels from the left border, which holds the names of the groups.
 const LEAST_LEFT_PX: f64 = 110.0;
 
-/// Distance of the name of a group from its panel, and at least from the border.
+/// Distance of the name of a group from its panel, and its smallest distance from the border of the figure.
 const NAME_GAP_PX: f64 = 12.0;
 
 /// Share of the height of a row over which the markers of the estimators are spread.

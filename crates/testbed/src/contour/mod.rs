@@ -79,9 +79,9 @@ pub struct SurfacePoint {
     /// Row of the trace.
     pub row: usize,
     /// Row of the start of the touch.
-    pub touch: usize,
+    pub(crate) touch: usize,
     /// Time since the start of the touch.
-    pub since_touch_s: f64,
+    pub(crate) since_touch_s: f64,
     /// Position on the surface, in World.
     pub at: Vector2<f64>,
     /// Unit outward normal in World, from the object to the whisker.
@@ -89,9 +89,9 @@ pub struct SurfacePoint {
     /// Covariance of the position in World, if stated.
     pub covariance_m2: Option<Matrix2<f64>>,
     /// Whether the estimate is that of an instant at which a second contact had taken load.
-    pub is_second: bool,
+    pub(crate) is_second: bool,
     /// Whether its models were in doubt.
-    pub is_doubtful: bool,
+    pub(crate) is_doubtful: bool,
 }
 
 impl SurfacePoint {

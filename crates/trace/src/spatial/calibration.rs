@@ -148,8 +148,8 @@ impl SpatialCalibrationFile {
         })
     }
 
-    /// Reads a calibration file in space and checks all but its sensor models: these are checked by [`Self::calibrated`], because
-    /// loading one takes up to a second.
+    /// Reads and checks a calibration file in space. It does not load the sensor models, which takes about half a second each:
+    /// [`Self::calibrated`] loads and checks one.
     ///
     /// # Errors
     /// [`Error`] with file and place. A planar calibration, which has no contacts out of the plane, is named as such.

@@ -16,9 +16,9 @@ pub(crate) const RATE_HZ: f64 = 250.0;
 
 /// A calibration with the exact parameters, from 30 to 62 mm along the whisker and up to 3 s^2 away from it.
 ///
-/// The wire has almost no mass: exact contacts are equilibria without inertia, and estimators would correct for inertia.
+/// The wire has almost no mass and no damping, for which estimators would correct: the contacts of the tests are equilibria.
 pub(crate) fn knowledge(whisker: Whisker) -> Arc<Knowledge> {
-    let whisker = Whisker { density_kg_m3: 1e-3 * whisker.density_kg_m3, ..whisker };
+    let whisker = Whisker { density_kg_m3: 1e-3 * whisker.density_kg_m3, damping_s: 0.0, ..whisker };
     let k = whisker.root_stiffness_n_m_rad;
     let values = [1.0, 1.0, whisker.youngs_modulus_pa, k, k, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let names = [

@@ -43,8 +43,8 @@ pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
 const INTERRUPTED: &str = "sim/tests/test_resume.py";
 
 /// Runs the other tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often
-/// waits for one large package, which occupies a single processor. The build has priority, because the tests occupy all processors to
-/// their end.
+/// waits for one large package, which occupies a single processor. The tests have a lower priority, because they occupy all processors
+/// to their end.
 fn python_tests_and_builds() -> Outcome {
     let tests = start(with_low_priority(pytest(&["sim/tests", "--ignore", INTERRUPTED])))?;
     let built = run_command(cargo(&rust_tests(&["--no-run"]))).and_then(|()| python::install_package());

@@ -4,15 +4,20 @@
 //! equilibrium, the force of its deflection is turned from the normal by the angle `k y / F`, with the force `F` of the contact, and
 //!
 //! ```text
-//! m y'' + c y' + k y = -m_a a - m_r r - m b        c = T k
+//! m y'' + c y' + k y = -m_a a - m_r r - m b - T F n'        c = T k
 //! ```
 //!
 //! where `a` is the acceleration of the base, `r` the acceleration of the contact due to the rotation of the base, `b` that of the
-//! equilibrium relative to the base, and `T` the ratio of damping to stiffness of the material. The masses `m`, `m_a` and `m_r` are
-//! those of a wire that bends, that accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates
-//! the free end of a wire that is touched near the root far more than the contact. They are those of a straight wire. If the
-//! accelerations vary slowly, the angle is `-(m_a a + m_r r + m b) / F`. Otherwise, since the equation is linear, it is the same
-//! expression with the response of a damped oscillator to the accelerations in their place.
+//! equilibrium relative to the base, `n'` the rate of change of the direction of the equilibrium's force across the wire, in Base, and
+//! `T` the ratio of damping to stiffness of the material. The masses `m`, `m_a` and `m_r` are those of a wire that bends, that
+//! accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates the free end of a wire that is
+//! touched near the root far more than the contact. They are those of a straight wire. If the accelerations vary slowly, the angle
+//! without damping is `-(m_a a + m_r r + m b) / F`. Otherwise, since the equation is linear, it is the same expression with the
+//! response of a damped oscillator to the accelerations in their place.
+//!
+//! The elastic force lags behind that of the contact by the time `T`, for small deflections exactly. If the contact slides along the
+//! whisker or the deflection changes, the damping adds the angle `-T n'`. It varies slowly, so that the response of the oscillator is
+//! not applied to it.
 //!
 //! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base. The oscillator is therefore driven by
 //! the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k` follows
@@ -51,11 +56,14 @@ pub(super) struct Ringing {
     response: Rates,
     /// Change of the response per second.
     rate: Rates,
+    /// [`Response::lag`].
+    lag: Rates,
 }
 
 impl Ringing {
     pub(super) fn new(damping_s: f64) -> Self {
-        Self { damping_s, rad_s: FIRST_RAD_S, velocity: None, response: Rates::zeros(), rate: Rates::zeros() }
+        let [response, rate, lag] = [Rates::zeros(); 3];
+        Self { damping_s, rad_s: FIRST_RAD_S, velocity: None, response, rate, lag }
     }
 
     /// Sets the angular frequency of the undamped oscillation. One that is not a number is ignored.
@@ -76,6 +84,7 @@ impl Ringing {
         let velocity = Rates::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] }) / -dt_s;
         let before = self.velocity.replace(velocity).unwrap_or(velocity);
         let acceleration = (velocity - before) / dt_s;
+        self.lag = velocity * self.damping_s;
 
         let per_s = 0.5 * self.damping_s * self.rad_s.powi(2);
         let damped_rad_s = (self.rad_s.powi(2) - per_s.powi(2)).max(0.0).sqrt().max(LEAST_DAMPED * self.rad_s);
@@ -88,16 +97,19 @@ impl Ringing {
 
     /// The present response.
     pub(super) fn response(&self) -> Response {
-        Response { now: self.response, apart: self.rate / self.rad_s }
+        Response { now: self.response, apart: self.rate / self.rad_s, lag: self.lag }
     }
 }
 
-/// Response of a wire, as accelerations of the base.
+/// Response of a wire to the motion of the base.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Response {
+    /// At the present instant, as an acceleration of the base.
     pub(super) now: Rates,
     /// A quarter of a period away. Both together give the amplitude.
     pub(super) apart: Rates,
+    /// Motion of the base (m, rad) during the time by which the elastic force lags behind.
+    pub(super) lag: Rates,
 }
 
 impl Response {
@@ -105,6 +117,7 @@ impl Response {
     pub(super) fn include(&mut self, other: &Self, share: f64) {
         self.now += (other.now - self.now) * share;
         self.apart += (other.apart - self.apart) * share;
+        self.lag += (other.lag - self.lag) * share;
     }
 }
 
@@ -115,9 +128,9 @@ pub(super) fn inertia_n(of_base: &Rates, contact_m: &Vector3<f64>, masses: &Mass
     linear_m_s2 * masses.whole_kg + angular_rad_s2.cross(contact_m) * masses.turned_kg
 }
 
-/// Motion of objects at rest relative to a base that is displaced by an acceleration times `time2_s2`.
-pub(super) fn displaced(of_base: &Rates, time2_s2: f64) -> Pose<Base, Base> {
-    let moved = of_base * -time2_s2;
+/// Motion of objects at rest relative to a base that is displaced by `of_base * multiple` (m, rad).
+pub(super) fn displaced(of_base: &Rates, multiple: f64) -> Pose<Base, Base> {
+    let moved = of_base * -multiple;
     Pose::new(moved.fixed_rows::<3>(0).into_owned(), Rotation3::new(moved.fixed_rows::<3>(3).into_owned()))
 }
 
@@ -189,6 +202,22 @@ mod tests {
     use super::*;
 
     /// The response to a step of the velocity is that of an oscillator to an impulse.
+    #[test]
+    fn verif_the_lag_is_the_motion_of_the_base_during_the_damping_time() {
+        let mut ringing = Ringing::new(4e-3);
+        let turn = Rotation3::new(Vector3::new(0.0, 0.0, 2e-3));
+        for dt_s in [0.01, 0.02] {
+            // Objects move opposite to the base.
+            let motion = Pose::new(Vector3::new(-1e-4, 0.0, 0.0), turn.inverse());
+            ringing.advance(&Sample { motion, dt_s, reading_n_m: Vector2::zeros() });
+            let expected = Rates::from([1e-4, 0.0, 0.0, 0.0, 0.0, 2e-3]) * (4e-3 / dt_s);
+            assert!((ringing.response().lag - expected).norm() < 1e-12);
+        }
+        let mut mean = Response::default();
+        mean.include(&ringing.response(), 0.25);
+        assert_eq!(mean.lag, ringing.response().lag * 0.25);
+    }
+
     #[test]
     fn verif_the_response_is_that_of_a_damped_oscillator() {
         const DT_S: f64 = 1e-3;

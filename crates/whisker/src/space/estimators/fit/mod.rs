@@ -11,7 +11,7 @@
 //! by the Levenberg-Marquardt method. Readings at nearly the same pose are averaged. If the calibration states a
 //! correlation length of the model's errors, the residuals are the changes from mean to mean ([`correlated`]). In contrast to a
 //! filter, nothing is linearised about an early estimate, and the object has no process noise. The tilt of the normal by the
-//! inertia of the wire is computed ([`super::ringing`]), and its unknown part is included in `R_k`.
+//! inertia and the damping of the wire is computed ([`super::ringing`]), and its unknown part is included in `R_k`.
 //!
 //! The first touch begins with a filter of a contact at rest. Its probable hypotheses, with the hypotheses of the model about the
 //! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.

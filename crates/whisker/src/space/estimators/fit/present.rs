@@ -131,13 +131,13 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         by_tilt[TILT] = 1.0;
 
         let contact = (&place, &found.1, &here);
-        let inertial = mode.about.inertial_tilt(side, model, &motion, contact, response);
+        let dynamic = mode.about.dynamic_tilt(side, model, &motion, contact, response);
         // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
         let decay = (-sample.dt_s / TILT_S).exp();
-        let variance = inertial.sd_rad().powi(2);
+        let variance = dynamic.sd_rad().powi(2);
         let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
         mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
-        let state = model.state(&object, &place, &mode.about.x) + by_tilt * inertial.rad;
+        let state = model.state(&object, &place, &mode.about.x) + by_tilt * dynamic.rad;
         let at = Around::of_state(&(state + by_tilt * tilt_rad));
         let expected = side.expect(at);
         let by_contact = expected.slopes;

@@ -28,9 +28,9 @@ pub(super) const MOST_TRIALS: usize = 5;
 /// The same for a search that begins again from one of the first starts.
 pub(super) const START_TRIALS: usize = 12;
 
-/// Relative standard deviation of the tilt by inertia, the same at all contacts, for errors of the masses and of the frequency.
+/// Relative standard deviation of the tilt by inertia and damping, common to all contacts: errors of masses, frequency and damping.
 /// Where the base moves to and fro, this tilt looks like another curvature of the object.
-const INERTIA_SD: f64 = 0.4;
+const DYNAMIC_SD: f64 = 0.4;
 
 /// Work on a mean beside the search for its contact, in evaluations of the whisker's geometry.
 const MEAN_WORK: usize = 2;
@@ -53,7 +53,7 @@ pub(super) struct Quadratic<const N: usize> {
     /// errors of the sensor model, that of the changes from mean to mean, which includes the errors of the extrapolation.
     scatter: SMatrix<f64, N, N>,
     /// Gradients that errors add which are one standard deviation at all contacts: those of the sensor model, that of its
-    /// extrapolation, that of the tilt, and that of the tilt by inertia.
+    /// extrapolation, that of the tilt, and that of the tilt by inertia and damping.
     pull: SMatrix<f64, N, 4>,
     /// Link of the last mean that the approximation includes. `None` if the errors of the sensor model are independent.
     last: Option<Link<N>>,
@@ -145,14 +145,14 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let place = &found.0;
         *near = place.at;
         let (slopes, by_tilt, here) = about.contact_slopes(*shape, &motion, &found);
-        let inertial = about.inertial_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
-        let expected = side.expect(Around::of_state(&(near.vector() + by_tilt * inertial.rad)));
+        let dynamic = about.dynamic_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
+        let expected = side.expect(Around::of_state(&(near.vector() + by_tilt * dynamic.rad)));
         let by_contact = expected.slopes;
         let mut slopes = by_contact * slopes;
         // The mean of an oscillation decreases with the duration of a stay, its variance with the square.
         let repeats = 1.0 + (mean.stay_s() / (2.0 * TILT_S)).powi(2);
-        let by_inertia = by_contact * by_tilt * (inertial.rad * INERTIA_SD);
-        let by_tilt = by_contact * by_tilt * inertial.sd_rad();
+        let by_dynamics = by_contact * by_tilt * (dynamic.rad * DYNAMIC_SD);
+        let by_tilt = by_contact * by_tilt * dynamic.sd_rad();
         let inertia_n2_m2 = side.inertia_n_m(*near, mean.acceleration2.sqrt()).powi(2) / repeats;
         let noise_n2_m2 = side.noise_of_mean_n2_m2(mean.count);
         let mut independent = noise_n2_m2 + Matrix2::identity() * inertia_n2_m2 + by_tilt * by_tilt.transpose();
@@ -160,7 +160,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let Some(mut factor) = covariance.cholesky() else { return false };
         let mut residual = expected.reading_n_m - mean.reading_n_m;
         let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
-        let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_inertia];
+        let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_dynamics];
         let mut common = Matrix2x4::from_columns(&common);
         if let Some(length_m) = side.calibrated.error.correlation_m {
             // The links account for the correlated errors of the model.

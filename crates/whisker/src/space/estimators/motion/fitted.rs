@@ -9,32 +9,35 @@ use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::Around;
 
-/// Square of the time (s2) in which an acceleration displaces an object for a difference.
+/// Square of a time (s2): step of differences over an acceleration.
 const STEP_S2: f64 = 1e-6;
+
+/// Step of differences over the motion during the lag of the elastic force, relative to that motion.
+const LAG_STEP: f64 = 1e-2;
 
 /// Number of parts of a motion in which a contact is followed.
 const PARTS: usize = 8;
 
-/// Share of the oscillation by inertia that is unknown: frequency and masses are those of a straight beam and of the fitted object,
-/// and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
+/// Share of the tilt by inertia and damping that is unknown: frequency and masses are those of a straight beam and of the fitted
+/// object, and the oscillation with which a touch begins is left out. Chosen on random scenes in space that are not reported.
 const UNKNOWN_SHARE: f64 = 0.3;
 
 /// Smallest standard deviation of the unknown part of the tilt (rad), chosen likewise.
 const LEAST_UNKNOWN_RAD: f64 = 2e-4;
 
-/// Tilt of the normal by the inertia of the wire.
+/// Tilt of the normal by the inertia and the damping of the wire.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::space::estimators) struct InertialTilt {
+pub(in crate::space::estimators) struct DynamicTilt {
     /// At the present instant.
     pub(in crate::space::estimators) rad: f64,
-    /// Amplitude of its oscillation.
-    amplitude_rad: f64,
+    /// Root of the sum of squares of the amplitude of the oscillation by inertia and of the tilt by damping.
+    size_rad: f64,
 }
 
-impl InertialTilt {
-    /// Standard deviation of the part of the oscillation that is unknown.
+impl DynamicTilt {
+    /// Standard deviation of the unknown part (rad).
     pub(in crate::space::estimators) fn sd_rad(&self) -> f64 {
-        (UNKNOWN_SHARE * self.amplitude_rad).max(LEAST_UNKNOWN_RAD)
+        (UNKNOWN_SHARE * self.size_rad).max(LEAST_UNKNOWN_RAD)
     }
 }
 
@@ -92,26 +95,34 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         (slopes, inverse * (here - tilted) / STEP, here)
     }
 
-    /// Tilt of the normal at a contact by the inertia of the wire ([`ringing`]), and the amplitude of its oscillation. `here` is
-    /// the residual of the equations at the contact.
-    pub(in crate::space::estimators) fn inertial_tilt<Model: Shape<N, Object = Body>>(
+    /// Tilt of the normal at a contact by the inertia and the damping of the wire ([`ringing`]). `here` is the residual of the
+    /// equations at the contact.
+    pub(in crate::space::estimators) fn dynamic_tilt<Model: Shape<N, Object = Body>>(
         &self,
         side: &Side,
         shape: &Model,
         motion: &Pose<Base, Base>,
         (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
         response: &Response,
-    ) -> InertialTilt {
+    ) -> DynamicTilt {
         let masses = side.masses(found.at);
-        let tilt_rad = |of_base| {
-            let moved = motion.then(&ringing::displaced(of_base, STEP_S2));
-            let ahead = shape.residual(&self.object(&moved), found);
-            let relative_m_s2 = found.slopes * (inverse * (here - ahead)) / STEP_S2;
-            let inertia_n = ringing::inertia_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
-            found.tilt_by(&inertia_n).clamp(-MOST_TILT_RAD, MOST_TILT_RAD)
+        // Of the contact, in the coordinates about the whisker, per multiple by which the base is displaced.
+        let displacement = |of_base, multiple| {
+            let moved = motion.then(&ringing::displaced(of_base, multiple));
+            inverse * (here - shape.residual(&self.object(&moved), found)) / multiple
         };
-        let rad = tilt_rad(&response.now);
-        InertialTilt { rad, amplitude_rad: rad.hypot(tilt_rad(&response.apart)) }
+        let clamped = |rad: f64| rad.clamp(-MOST_TILT_RAD, MOST_TILT_RAD);
+        let by_inertia = |of_base| {
+            let relative_m_s2 = found.slopes * displacement(of_base, STEP_S2);
+            let inertia_n = ringing::inertia_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
+            clamped(found.tilt_by(&inertia_n))
+        };
+        let inertial_rad = by_inertia(&response.now);
+        let damped_rad = clamped(found.turned_across(&displacement(&response.lag, LAG_STEP)));
+        DynamicTilt {
+            rad: inertial_rad + damped_rad,
+            size_rad: inertial_rad.hypot(by_inertia(&response.apart)).hypot(damped_rad),
+        }
     }
 
     /// The stable contact with an object after the base's motion, sought from `near`, then from the place that it has if it rests,

@@ -125,6 +125,12 @@ impl Place {
         self.untilted.across.dot(inertia_n) / self.directions.force_n
     }
 
+    /// Angle (rad) across the wire by which a displacement of the contact, in the coordinates about the whisker, turns the force of
+    /// the equilibrium.
+    pub(super) fn turned_across(&self, displacement: &Vector3<f64>) -> f64 {
+        self.untilted.across.dot(&(self.directions.normal_slopes * displacement))
+    }
+
     /// Angular frequency of the wire's oscillation along a surface on which a tilt displaces the contact by `by_tilt`, in the
     /// coordinates about the whisker per radian ([`crate::space::estimators::ringing`]).
     pub(in crate::space::estimators) fn oscillation_rad_s(&self, side: &Side, by_tilt: &Vector3<f64>) -> f64 {
@@ -136,7 +142,7 @@ impl Place {
     pub(in crate::space::estimators) fn plane_rad_s(&self, side: &Side) -> Option<f64> {
         let across = self.untilted.across;
         let along_m = self.slopes.try_inverse()? * across;
-        let turned = across.dot(&(self.directions.normal_slopes * along_m));
+        let turned = self.turned_across(&along_m);
         Some(self.oscillation_rad_s(side, &(along_m / turned)))
     }
 
