@@ -246,23 +246,10 @@ def unmet_count(name: str = "") -> str:
     return str(len(unmet(name)))
 
 
-def unmet_claims() -> str:
-    """Table of the claims that do not hold."""
+def unmet_claims(name: str = "") -> str:
+    """Table of the claims of a set that do not hold."""
     lines = ["", "| claim | measured | bound | unit |", "| --- | --- | --- | --- |"]
-    lines += [f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet()]
-    return "\n".join([*lines, ""])
-
-
-def claims_of(name: str) -> str:
-    """Table of a set of claims, by the name of its folder."""
-    lines = [
-        "",
-        "| | measured | bound | unit | holds |",
-        "| --- | --- | --- | --- | --- |",
-    ]
-    for row in claims(name):
-        holds = {"true": "yes", "false": "no"}.get(row["holds"], "not measured")
-        lines.append(f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} | {holds} |")
+    lines += [f"| {row['claim']} | {measured(row)} | {bound(row)} | {row['unit']} |" for row in unmet(name)]
     return "\n".join([*lines, ""])
 
 
@@ -277,11 +264,10 @@ def bound(row: dict[str, str]) -> str:
 
 
 GENERATED: dict[str, Callable[[], str]] = {
-    "certainty_claims": functools.partial(claims_of, "certainty"),
-    "quantity_claims": functools.partial(claims_of, "quantities"),
-    "yielding_claims": functools.partial(claims_of, "yielding"),
-    "space_claims": functools.partial(claims_of, "spatial"),
     "unmet_claims": unmet_claims,
+    "certainty_unmet_claims": functools.partial(unmet_claims, "certainty"),
+    "yielding_unmet_claims": functools.partial(unmet_claims, "yielding"),
+    "space_unmet_claims": functools.partial(unmet_claims, "spatial"),
     "unmet_count": unmet_count,
     "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
     "quantity_unmet_count": functools.partial(unmet_count, "quantities"),

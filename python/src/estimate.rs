@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
-use ::trace::FARTHEST_M;
+use ::testbed::protocol::{BadValue, StatedEstimate};
 use ::whisker::estimators::{self, Knowledge};
 use ::whisker::frames::{Base, Point};
 use ::whisker::sensor::Face;
-use filters::Innovation;
-use nalgebra::{Matrix1, Matrix2, Vector1};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -189,40 +188,10 @@ pub(crate) fn returned(
     let &[x_m, y_m] = contact.as_slice() else {
         return Err(refused("contact", format!("{} numbers", contact.len()), "2, in Base (m)"));
     };
-    if x_m.hypot(y_m) > FARTHEST_M {
-        return Err(refused(
-            "contact",
-            format!("{contact:?}"),
-            &format!("a point within {FARTHEST_M} m of the base, in Base"),
-        ));
-    }
-    let contact = Point::new(x_m, y_m);
-    let estimate = estimators::Estimate {
-        covariance_m2: covariance(object)?,
-        calibrated: knowledge.face(face).is_some_and(|face| face.domain.contains(face.along_and_away(contact))),
-        innovation: innovation(object)?,
-        ..estimators::Estimate::at(contact, face)
-    };
-    Ok(Some(estimators::Estimate { at_tip: knowledge.may_be_tip(&estimate), ..estimate }))
-}
-
-fn covariance(object: &Bound<'_, PyAny>) -> PyResult<Option<Matrix2<f64>>> {
-    let Some(covariance) = attribute(object, "covariance_m2")? else { return Ok(None) };
-    let covariance: Vec<[f64; 2]> = rows("covariance_m2", &Numbers::of("covariance_m2", &covariance)?)?;
-    if let [[xx, xy], [yx, yy]] = covariance[..] {
-        let matrix = Matrix2::new(xx, xy, xy, yy);
-        if (xy - yx).abs() <= 1e-9 * xx.max(yy) && matrix.cholesky().is_some() {
-            return Ok(Some(matrix));
-        }
-    }
-    Err(refused("covariance_m2", format!("{covariance:?}"), "a positive definite matrix, 2 x 2, in Base (m2)"))
-}
-
-fn innovation(object: &Bound<'_, PyAny>) -> PyResult<Option<Innovation<1>>> {
     let number = |name| attribute(object, name)?.map(|number| number.extract::<f64>()).transpose();
-    let (residual, variance) = match (number("innovation_n_m")?, number("innovation_variance_n2_m2")?) {
-        (None, None) => return Ok(None),
-        (Some(residual), Some(variance)) => (residual, variance),
+    let innovation = match (number("innovation_n_m")?, number("innovation_variance_n2_m2")?) {
+        (None, None) => None,
+        (Some(residual), Some(variance)) => Some((residual, variance)),
         _ => {
             return Err(refused(
                 "innovation",
@@ -231,11 +200,27 @@ fn innovation(object: &Bound<'_, PyAny>) -> PyResult<Option<Innovation<1>>> {
             ));
         }
     };
-    let nis = residual * residual / variance;
-    if !(variance > 0.0 && nis.is_finite()) {
-        return Err(refused("innovation_variance_n2_m2", variance, "a positive number"));
+    let stated =
+        StatedEstimate { contact_m: Vector2::new(x_m, y_m), covariance_m2: covariance_m2(object)?, innovation };
+    stated.checked(face, knowledge).map(Some).map_err(|bad| bad_attribute(object, &bad))
+}
+
+/// The attribute `covariance_m2`, a square matrix. `None` if it is missing.
+pub(crate) fn covariance_m2<const N: usize>(object: &Bound<'_, PyAny>) -> PyResult<Option<SMatrix<f64, N, N>>> {
+    const NAME: &str = "covariance_m2";
+    let Some(stated) = attribute(object, NAME)? else { return Ok(None) };
+    let stated: Vec<[f64; N]> = rows(NAME, &Numbers::of(NAME, &stated)?)?;
+    if stated.len() != N {
+        return Err(refused(NAME, format!("{} rows", stated.len()), &format!("a matrix, {N} x {N}, in Base (m2)")));
     }
-    Ok(Some(Innovation { residual: Vector1::new(residual), covariance: Matrix1::new(variance), nis }))
+    Ok(Some(SMatrix::from_fn(|row, column| stated[row][column])))
+}
+
+/// An exception for an attribute whose value cannot be used.
+pub(crate) fn bad_attribute(object: &Bound<'_, PyAny>, bad: &BadValue) -> PyErr {
+    let found = object.getattr(bad.of).and_then(|value| value.str());
+    let found = found.map_or_else(|_| "another value".into(), |text| text.to_string().replace('\n', ""));
+    refused(bad.of, found, &bad.expected)
 }
 
 /// An attribute that is there and not `None`.

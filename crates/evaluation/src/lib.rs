@@ -12,9 +12,8 @@
 //! | [`fit`] | sensor models fitted to calibration traces |
 //! | [`participant`] | what is evaluated: registered estimators and external programs |
 //! | [`evaluate`] | every participant on every trial: parallel, resumable, divisible among processes |
-//! | [`baseline`] | ratio of the error of the baselines to that of an estimator |
 //! | [`plausibility`] | tests that detect a wrong unit, sign or rate in a trace |
-//! | [`space`] | fits, evaluations, maps and surfaces of traces in space |
+//! | [`space`] | fits and evaluations of traces in space |
 //!
 //! # Example
 //! A sweep over a pin is replayed through the filter `ekf` and scored. The data are two short golden traces of the simulator; for
@@ -74,7 +73,6 @@
 //! # }
 //! ```
 
-pub mod baseline;
 mod distinct;
 pub mod evaluate;
 pub mod fit;

@@ -165,11 +165,11 @@ fn robust_invalid_answers_are_reported_with_row_found_and_expected() {
         (r#"{"contact_x_m": 1, "contact_y_m": 1, "truth": 1}"#, ["unknown field `truth`", "expected null or"]),
         ("0.05 0.002", ["found `0.05 0.002`", "expected null or"]),
         ("", ["found ``", "expected null or"]),
-        (r#"{"contact_x_m": 1e9, "contact_y_m": 0}"#, ["found `{", "expected a contact within 1000 m"]),
+        (r#"{"contact_x_m": 1e9, "contact_y_m": 0}"#, ["found `{", "expected a point within 1000 m"]),
         (r#"{"contact_x_m": 1, "contact_y_m": 0, "cov_xx_m2": 1}"#, ["found `{", "all of cov_xx_m2"]),
         (
             r#"{"contact_x_m": 1, "contact_y_m": 0, "cov_xx_m2": 1, "cov_xy_m2": 2, "cov_yy_m2": 1}"#,
-            ["found `{", "expected a positive definite covariance"],
+            ["found `{", "expected a positive definite matrix"],
         ),
         (r#"{"contact_x_m": 1, "contact_y_m": 0, "innovation_n_m": 1}"#, ["found `{", "both innovation_n_m"]),
     ] {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use evaluation::participant::Program;
 use evaluation::space::evaluate::{SpatialEvaluateSettings, evaluate};
 use evaluation::space::fit::{SpatialFitSettings, SpatialFitted, fit};
-use evaluation::space::{SpatialRun, SpatialWritten, evaluate_into};
+use evaluation::space::{SpatialWritten, evaluate_into};
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -18,6 +18,7 @@ use testbed::dataset::Dataset;
 use testbed::front_end::{BendingAxes, FrontEndConfig};
 use testbed::space::SpatialEstimateRow;
 use testbed::space::replay::read_calibration;
+use testbed::space::run::SpatialRun;
 use trace::{CalibrationFile, Role, SpatialCalibrationFile, SpatialTrace};
 use whisker::space::frames::Point;
 use whisker::space::sensor::{Across, Around, Axis};
@@ -379,7 +380,7 @@ fn robust_a_wrong_answer_of_a_program_in_space_fails_the_trial() {
     let cases = [
         ("[0.04, 0, 0]".into(), "expected null or contact_x_m"),
         (format!("{{{place}}}"), "missing field `cov_xx_m2`"),
-        (format!("{{{place}, {spread}: -1e-8}}"), "expected a positive definite covariance"),
+        (format!("{{{place}, {spread}: -1e-8}}"), "expected a positive definite matrix"),
         (format!("{{{place}, {spread}: 1e-8, \"normal_x\": 1}}"), "all of normal_x, normal_y and normal_z, or none"),
         (
             format!("{{{place}, {spread}: 1e-8, \"normal_x\": 1, \"normal_y\": 1, \"normal_z\": 0}}"),

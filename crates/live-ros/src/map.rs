@@ -2,9 +2,10 @@
 
 use bag::messages::{AnyMessage, Header, MapMetaData, OccupancyGrid, PointCloud2, PointField, Pose, Time, point_field};
 use bag::topics;
-use evaluation::space::map::{Occupancy, SpatialMap, SurfacePoint, VoxelRow};
-use evaluation::space::view::SpatialView;
 use testbed::map::{FoundObject, Grid, MapConfig, SceneMap, View};
+use testbed::space::map::{SpatialMap, SurfacePoint};
+use testbed::space::rows::{Occupancy, VoxelRow};
+use testbed::space::view::SpatialView;
 use testbed::statistics;
 
 use crate::chain::Plane;

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
-use evaluation::space::SpatialRunWhisker;
 use files::Error;
 use live::LiveEstimator;
 use live::counts::{Counts, Sensor};
@@ -14,6 +13,7 @@ use testbed::map::{MapConfig, Observer};
 use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
 use testbed::space::replay::{knowledge, read_calibration};
+use testbed::space::run::SpatialRunWhisker;
 use trace::{CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;

@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use bag::messages::{Pose, PoseWithCovariance};
-use evaluation::space::SpatialRunWhisker;
-use evaluation::space::view::{SpatialObserver, SpatialView};
 use live::{Spatial, SpatialAnswer};
 use nalgebra::{Matrix3, Vector2, Vector3};
+use testbed::space::run::SpatialRunWhisker;
+use testbed::space::view::{SpatialObserver, SpatialView};
 use testbed::space::{SpatialEstimateRow, spatial_estimate_row, to_world, turned_to};
 use trace::{SpatialInstant, SpatialTruthInstant};
 use whisker::space::estimators::{Estimate, Knowledge};

@@ -1,6 +1,6 @@
 //! Comparison of methods with the baselines.
 
-use evaluation::baseline::{self, START_UP, STEADY};
+use testbed::baseline::{self, START_UP, STEADY};
 use testbed::metrics::error;
 use testbed::results::{RunSet, TrialRow};
 

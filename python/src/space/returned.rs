@@ -1,21 +1,17 @@
 //! Estimates in space that Python code returns.
 
-use ::trace::FARTHEST_M;
-use ::whisker::space::estimators::{Direction, Estimate, Knowledge, Radius};
-use ::whisker::space::frames::Point;
-use nalgebra::{Matrix3, Vector3};
+use ::testbed::protocol::space::StatedSpatialEstimate;
+use ::whisker::space::estimators::{Estimate, Knowledge};
+use nalgebra::Vector3;
 use pyo3::prelude::*;
 
 use super::estimator::SpatialEstimate;
-use crate::arrays::{Numbers, numbers, rows};
+use crate::arrays::{Numbers, numbers};
 use crate::error::refused;
-use crate::estimate::attribute;
+use crate::estimate::{attribute, bad_attribute, covariance_m2};
 
-/// Largest relative difference of a stated unit vector's length from 1.
-const UNIT: f64 = 1e-3;
-
-/// Largest difference of two entries of a covariance that are equal but for rounding, relative to the largest variance.
-const SYMMETRIC: f64 = 1e-9;
+/// Expected value of an attribute that is a unit vector.
+const UNIT_VECTOR: &str = "3, a unit vector in Base";
 
 /// Estimate that an estimator written in Python returned: `None`, a `SpatialEstimate`, or an object with the attributes `contact`
 /// (3) and `covariance_m2` (3, 3) and, optionally, `normal` (3), `direction` (3) with `direction_sd_rad`, `radius_m` with
@@ -27,49 +23,22 @@ pub(super) fn returned(object: &Bound<'_, PyAny>, knowledge: &Knowledge) -> PyRe
     if let Ok(estimate) = object.cast::<SpatialEstimate>() {
         return Ok(Some(estimate.get().estimate));
     }
-    let calibrated = &*knowledge.calibrated;
     let contact_m = vector(object, "contact", "3, in Base (m)")?.ok_or_else(|| {
         let found = object.repr().map_or_else(|_| "an object".into(), |text| text.to_string());
         refused("estimate", found, "None or an object with the attributes `contact` of shape [3] and `covariance_m2`")
     })?;
-    if contact_m.amax() > FARTHEST_M {
-        let expected = format!("a point within {FARTHEST_M} m of the base, in Base");
-        return Err(refused("contact", format!("{:?}", contact_m.as_slice()), &expected));
-    }
-    let contact = Point::from_vector(contact_m);
-    let at = calibrated.around(contact);
-    let direction = unit(object, "direction")?;
-    let direction = both(object, "direction", direction, "direction_sd_rad")?;
-    let radius = both(object, "radius_m", number(object, "radius_m")?, "radius_sd_m")?;
-    if let Some((radius_m, _)) = radius.filter(|(radius_m, _)| *radius_m < 0.0) {
-        return Err(refused("radius_m", radius_m, "a number of 0 or more"));
-    }
-    Ok(Some(Estimate {
-        contact,
-        covariance_m2: covariance(object)?,
-        normal: unit(object, "normal")?.unwrap_or_else(|| calibrated.normal(at)),
-        normal_covariance: Matrix3::zeros(),
-        direction: direction.map(|(along, sd_rad)| Direction { along, sd_rad }),
-        radius: radius.map(|(radius_m, sd_m)| Radius { radius_m, sd_m }),
-        calibrated: calibrated.domain.contains(at),
-        innovation: None,
-        models: None,
+    let covariance_m2 = covariance_m2(object)?
+        .ok_or_else(|| refused("covariance_m2", "none", "a positive definite matrix, 3 x 3, in Base (m2)"))?;
+    let direction = vector(object, "direction", UNIT_VECTOR)?;
+    let stated = StatedSpatialEstimate {
+        contact_m,
+        covariance_m2,
+        normal: vector(object, "normal", UNIT_VECTOR)?,
+        direction: both(object, "direction", direction, "direction_sd_rad")?,
+        radius: both(object, "radius_m", number(object, "radius_m")?, "radius_sd_m")?,
         model_doubtful: attribute(object, "model_doubtful")?.map(|flag| flag.is_truthy()).transpose()?,
-    }))
-}
-
-fn covariance(object: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
-    let expected = "a positive definite matrix, 3 x 3, in Base (m2)";
-    let stated = attribute(object, "covariance_m2")?.ok_or_else(|| refused("covariance_m2", "none", expected))?;
-    let stated: Vec<[f64; 3]> = rows("covariance_m2", &Numbers::of("covariance_m2", &stated)?)?;
-    if let [x, y, z] = stated[..] {
-        let matrix = Matrix3::from_rows(&[x.into(), y.into(), z.into()]);
-        let is_symmetric = (matrix - matrix.transpose()).amax() <= SYMMETRIC * matrix.diagonal().amax();
-        if is_symmetric && matrix.cholesky().is_some() {
-            return Ok(0.5 * (matrix + matrix.transpose()));
-        }
-    }
-    Err(refused("covariance_m2", format!("{stated:?}"), expected))
+    };
+    stated.checked(knowledge).map(Some).map_err(|bad| bad_attribute(object, &bad))
 }
 
 /// Attribute of three finite numbers. `None` if it is missing.
@@ -80,19 +49,6 @@ fn vector(object: &Bound<'_, PyAny>, name: &str, expected: &str) -> PyResult<Opt
         return Err(refused(name, format!("{} numbers", stated.len()), expected));
     };
     Ok(Some(Vector3::new(x, y, z)))
-}
-
-/// Attribute of a unit vector, which is normalised. `None` if it is missing.
-fn unit(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<Vector3<f64>>> {
-    let Some(vector) = vector(object, name, "3, a unit vector in Base")? else { return Ok(None) };
-    if (vector.norm() - 1.0).abs() > UNIT {
-        return Err(refused(
-            name,
-            format!("{:?} of length {}", vector.as_slice(), vector.norm()),
-            "a unit vector in Base",
-        ));
-    }
-    Ok(Some(vector.normalize()))
 }
 
 /// Attribute of one finite number. `None` if it is missing.
@@ -109,8 +65,7 @@ fn number(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<f64>> {
 fn both<T>(object: &Bound<'_, PyAny>, name: &str, value: Option<T>, sd: &str) -> PyResult<Option<(T, f64)>> {
     match (value, number(object, sd)?) {
         (None, None) => Ok(None),
-        (Some(value), Some(of_value)) if of_value > 0.0 => Ok(Some((value, of_value))),
-        (Some(_), Some(of_value)) => Err(refused(sd, of_value, "a positive number")),
+        (Some(value), Some(of_value)) => Ok(Some((value, of_value))),
         (Some(_), None) => Err(refused(sd, "none", &format!("a positive number beside `{name}`"))),
         (None, Some(_)) => Err(refused(name, "none", &format!("a value beside `{sd}`"))),
     }

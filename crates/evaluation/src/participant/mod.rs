@@ -20,9 +20,8 @@ use whisker::estimators::{Knowledge, Sample};
 use whisker::sensor::Face;
 
 pub use program::Program;
-pub use protocol::{AnswerLine, BaseNoiseLine, ContactPriorLine, PROTOCOL, estimate};
 pub use registered::Registered;
-pub use spatial::{SPATIAL_PROTOCOL, SpatialAnswerLine, SpatialTask};
+pub use spatial::SpatialTask;
 
 /// Kills the external programs of all running trials, on Linux with every process that they started, since they do not end with
 /// this process. Trials with a program do not return any more, so that none is recorded as failed: the caller ends this process.

@@ -10,6 +10,7 @@ use anyhow::{Context, bail};
 use files::sha256;
 use serde::Serialize;
 use serde_json::{Value, json};
+use testbed::protocol::{PROTOCOL, estimate};
 use testbed::replay::Replay;
 use testbed::results::RunEstimator;
 use testbed::seeds::derived_seed;
@@ -19,7 +20,7 @@ use whisker::frames::{Base, Pose, Start};
 use whisker::sensor::Face;
 
 use super::process::{NoLine, Process};
-use super::protocol::{PROTOCOL, Prior, Row, estimate};
+use super::protocol::{Prior, Row};
 use super::{Participant, Task};
 
 /// External program with the name under which it participates.

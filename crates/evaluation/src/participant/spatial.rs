@@ -3,28 +3,23 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use serde::Serialize;
+use testbed::protocol::space::{SPATIAL_PROTOCOL, spatial_estimate};
 use testbed::space::replay::SpatialReplay;
-use trace::{FARTHEST_M, StatedSuspension};
+use trace::StatedSuspension;
 use whisker::Whisker;
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, Start};
-use whisker::space::estimators::{Direction, Estimate, Knowledge, Radius, Sample, TouchDetector};
-use whisker::space::frames::{Point, Pose};
+use whisker::space::estimators::{Knowledge, Sample, TouchDetector};
+use whisker::space::frames::Pose;
 use whisker::space::sensor::{Around, CalibratedSpace, SpatialDomain};
 
 use super::program::{Conversation, Program};
-use super::protocol::{RestLine, SEED_MASK, answer, evenly};
-
-/// Version of the protocol for trials in space, sent in the first line.
-pub const SPATIAL_PROTOCOL: u32 = 2;
+use super::protocol::{RestLine, SEED_MASK, evenly};
 
 /// Number of nodes of the sensor model's table along the whisker, about it, and away from it.
 const NODES: [usize; 3] = [25, 16, 7];
-
-/// Largest relative difference of a stated unit vector's length from 1.
-const UNIT: f64 = 1e-3;
 
 /// One trial in space from the view of a program.
 #[derive(Clone, Copy, Debug)]
@@ -203,222 +198,6 @@ fn quaternion<From, To>(pose: &Pose<From, To>) -> UnitQuaternion<f64> {
     if turn.w < 0.0 { UnitQuaternion::new_unchecked(-turn.into_inner()) } else { turn }
 }
 
-/// Answer to a row in space, or to both readings of an instant of a live stream. A program must state a contact with its covariance;
-/// `null` stands for no estimate.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SpatialAnswerLine {
-    /// Name of the whisker, in the answers of a live stream with several whiskers.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub name: Option<String>,
-    /// Time of the reading, in the answers of a live stream.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub t_s: Option<f64>,
-    /// Fate of the reading, in the answers of a live stream.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub status: Option<String>,
-    /// Position of the base at the time of the reading, x, in the answers of a live stream.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_x_m: Option<f64>,
-    /// The same, y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_y_m: Option<f64>,
-    /// The same, z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_z_m: Option<f64>,
-    /// Rotation from Base to its frame at rest as a unit quaternion, scalar part.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_qw: Option<f64>,
-    /// Its part along x.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_qx: Option<f64>,
-    /// Its part along y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_qy: Option<f64>,
-    /// Its part along z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub base_qz: Option<f64>,
-    /// Contact on the centre line in Base, x.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contact_x_m: Option<f64>,
-    /// The same, y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contact_y_m: Option<f64>,
-    /// The same, z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contact_z_m: Option<f64>,
-    /// Posterior variance of the contact along x.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_xx_m2: Option<f64>,
-    /// Its covariance between x and y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_xy_m2: Option<f64>,
-    /// Its covariance between x and z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_xz_m2: Option<f64>,
-    /// Its variance along y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_yy_m2: Option<f64>,
-    /// Its covariance between y and z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_yz_m2: Option<f64>,
-    /// Its variance along z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cov_zz_m2: Option<f64>,
-    /// Unit normal of the touched surface in Base, out of the object, x.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub normal_x: Option<f64>,
-    /// The same, y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub normal_y: Option<f64>,
-    /// The same, z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub normal_z: Option<f64>,
-    /// Unit vector along a rod or an edge in Base, x.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction_x: Option<f64>,
-    /// The same, y.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction_y: Option<f64>,
-    /// The same, z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction_z: Option<f64>,
-    /// Standard deviation of its angle.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction_sd_rad: Option<f64>,
-    /// Radius of a sphere, or of a rod across its axis.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub radius_m: Option<f64>,
-    /// Its standard deviation.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub radius_sd_m: Option<f64>,
-    /// Whether the contact lies in the calibrated domain.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub calibrated: Option<bool>,
-    /// Whether the readings contradict the models of the estimator.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub model_doubtful: Option<bool>,
-}
-
-/// Expected form of an answer.
-const EXPECTED: &str = "null or contact_x_m, contact_y_m, contact_z_m, cov_xx_m2, cov_xy_m2, cov_xz_m2, cov_yy_m2, cov_yz_m2 and \
-                        cov_zz_m2, and optionally normal_x, normal_y and normal_z; direction_x, direction_y, direction_z and \
-                        direction_sd_rad; or radius_m and radius_sd_m";
-
-impl SpatialAnswerLine {
-    /// Answer with an estimate. Without one, all keys are missing.
-    pub fn new(estimate: Option<&Estimate>) -> Self {
-        let Some(estimate) = estimate else { return Self::default() };
-        let (contact_m, covariance, normal) = (estimate.contact.vector(), estimate.covariance_m2, estimate.normal);
-        let along = estimate.direction.map(|direction| direction.along);
-        Self {
-            contact_x_m: Some(contact_m.x),
-            contact_y_m: Some(contact_m.y),
-            contact_z_m: Some(contact_m.z),
-            cov_xx_m2: Some(covariance.m11),
-            cov_xy_m2: Some(covariance.m12),
-            cov_xz_m2: Some(covariance.m13),
-            cov_yy_m2: Some(covariance.m22),
-            cov_yz_m2: Some(covariance.m23),
-            cov_zz_m2: Some(covariance.m33),
-            normal_x: Some(normal.x),
-            normal_y: Some(normal.y),
-            normal_z: Some(normal.z),
-            direction_x: along.map(|along| along.x),
-            direction_y: along.map(|along| along.y),
-            direction_z: along.map(|along| along.z),
-            direction_sd_rad: estimate.direction.map(|direction| direction.sd_rad),
-            radius_m: estimate.radius.map(|radius| radius.radius_m),
-            radius_sd_m: estimate.radius.map(|radius| radius.sd_m),
-            calibrated: Some(estimate.calibrated),
-            model_doubtful: estimate.model_doubtful,
-            ..Self::default()
-        }
-    }
-
-    /// Estimate, or the expected form.
-    fn estimate(&self, knowledge: &Knowledge) -> Result<Option<Estimate>, String> {
-        let required = [
-            ("contact_x_m", self.contact_x_m),
-            ("contact_y_m", self.contact_y_m),
-            ("contact_z_m", self.contact_z_m),
-            ("cov_xx_m2", self.cov_xx_m2),
-            ("cov_xy_m2", self.cov_xy_m2),
-            ("cov_xz_m2", self.cov_xz_m2),
-            ("cov_yy_m2", self.cov_yy_m2),
-            ("cov_yz_m2", self.cov_yz_m2),
-            ("cov_zz_m2", self.cov_zz_m2),
-        ];
-        // A live stream answers every reading, those without an estimate too.
-        if self.status.is_some() && required.iter().all(|(_, value)| value.is_none()) {
-            return Ok(None);
-        }
-        let mut values = [0.0; 9];
-        for (value, (name, stated)) in values.iter_mut().zip(required) {
-            *value = stated.ok_or_else(|| format!("{EXPECTED} (missing field `{name}`)"))?;
-        }
-        let [x_m, y_m, z_m, xx, xy, xz, yy, yz, zz] = values;
-        let contact_m = Vector3::new(x_m, y_m, z_m);
-        if contact_m.amax() > FARTHEST_M {
-            return Err(format!("a contact within {FARTHEST_M} m of the base, in the base's frame"));
-        }
-        let covariance_m2 = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        if covariance_m2.amax() > FARTHEST_M * FARTHEST_M || covariance_m2.cholesky().is_none() {
-            return Err("a positive definite covariance in m2, in the base's frame".into());
-        }
-        let calibrated = &*knowledge.calibrated;
-        let contact = Point::from_vector(contact_m);
-        let at = calibrated.around(contact);
-        let stated = unit("normal", [self.normal_x, self.normal_y, self.normal_z])?;
-        let along = unit("direction", [self.direction_x, self.direction_y, self.direction_z])?;
-        let direction =
-            both(along, self.direction_sd_rad, "direction_x, direction_y, direction_z and direction_sd_rad")?
-                .map(|(along, sd_rad)| Direction { along, sd_rad });
-        let radius = both(self.radius_m, self.radius_sd_m, "radius_m and radius_sd_m")?
-            .map(|(radius_m, sd_m)| Radius { radius_m, sd_m });
-        if direction.is_some_and(|direction| direction.sd_rad <= 0.0) {
-            return Err("a positive direction_sd_rad".into());
-        }
-        if radius.is_some_and(|Radius { radius_m, sd_m }| radius_m < 0.0 || sd_m <= 0.0) {
-            return Err("a radius_m of at least 0 and a positive radius_sd_m".into());
-        }
-        Ok(Some(Estimate {
-            contact,
-            covariance_m2,
-            normal: stated.unwrap_or_else(|| calibrated.normal(at)),
-            normal_covariance: Matrix3::zeros(),
-            direction,
-            radius,
-            calibrated: calibrated.domain.contains(at),
-            innovation: None,
-            models: None,
-            model_doubtful: self.model_doubtful,
-        }))
-    }
-}
-
-/// Both of two values, or neither; otherwise the expected form.
-fn both<One, Other>(one: Option<One>, other: Option<Other>, keys: &str) -> Result<Option<(One, Other)>, String> {
-    match (one, other) {
-        (None, None) => Ok(None),
-        (Some(one), Some(other)) => Ok(Some((one, other))),
-        _ => Err(format!("all of {keys}, or none")),
-    }
-}
-
-/// A unit vector, if it is stated; otherwise the expected form.
-fn unit(name: &str, entries: [Option<f64>; 3]) -> Result<Option<Vector3<f64>>, String> {
-    let vector = match entries {
-        [None, None, None] => return Ok(None),
-        [Some(x), Some(y), Some(z)] => Vector3::new(x, y, z),
-        _ => return Err(format!("all of {name}_x, {name}_y and {name}_z, or none")),
-    };
-    if (vector.norm() - 1.0).abs() > UNIT {
-        return Err(format!("a unit vector as {name}_x, {name}_y and {name}_z, in the base's frame"));
-    }
-    Ok(Some(vector.normalize()))
-}
-
 impl Program {
     /// Runs one trial in space. A failure during the trial is part of the result.
     ///
@@ -440,10 +219,9 @@ impl Program {
             let reading_n_m = admitted.map_or(sample.reading_n_m, |(admitted, _)| admitted.reading_n_m);
             Row::new(t_s, &base, &Sample { reading_n_m, ..*sample }, touched)
         });
-        let parse =
-            |_: usize, line: &str| answer(line, EXPECTED, |answer: SpatialAnswerLine| answer.estimate(knowledge));
-        let Conversation { estimates, answers_us, failure } =
-            self.converse(&Prior::new(knowledge, self.seed(seed, trace)), rows, parse)?;
+        let first = Prior::new(knowledge, self.seed(seed, trace));
+        let parse = |_: usize, line: &str| spatial_estimate(line, knowledge);
+        let Conversation { estimates, answers_us, failure } = self.converse(&first, rows, parse)?;
         let timed = estimates.iter().zip(answers_us).filter(|(estimate, _)| estimate.is_some());
         let steps_us = timed.map(|(_, answer_us)| answer_us).collect();
         Ok(SpatialReplay { estimates, steps_us, failure })

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
+use testbed::protocol::space::SPATIAL_PROTOCOL;
 use testbed::settings::merged;
 use testbed::space::replay::{SpatialReplay, registered, replay};
 use whisker::space::estimators::{SPATIAL_ESTIMATORS, SpatialEstimatorRow, spatial_estimator};
 
 use super::evaluate::SpatialEvaluateSettings;
 use crate::distinct::check_distinct;
-use crate::participant::{Program, SPATIAL_PROTOCOL, SpatialTask};
+use crate::participant::{Program, SpatialTask};
 
 /// Participant of an evaluation in space.
 pub(super) enum Participant {

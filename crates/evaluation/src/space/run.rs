@@ -3,231 +3,108 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use files::{Watermark, read_json, sha256_of_file, write_atomically, write_json};
+use files::{sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::front_end::{SPATIAL_FRONT_ENDS, SpatialFrontEnd};
 use testbed::results::files::{Per, RunFile, Writer};
-use testbed::results::{FailureRow, ResultsKind, csv_bytes, read_rows};
+use testbed::results::{FailureRow, ResultsKind, csv_bytes};
 use testbed::space::SpatialEstimateRow;
 use testbed::space::files::{
-    ESTIMATES, FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY,
-    TIMES, TRIALS,
+    FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES,
+    TRIALS,
 };
-use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use testbed::space::map::{SpatialMap, Sweep};
+use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow};
+use testbed::space::run::{SpatialRun, SpatialRunTrial, SpatialRunWhisker, SweptSolid};
 use testbed::space::solid::Solid;
 use testbed::statistics;
-use trace::{Role, SpatialFrontEndFile, SpatialSidecar, StatedSuspension};
-use whisker::Whisker;
+use trace::{Role, SpatialSidecar};
 
 use super::evaluate::{Calibrations, SpatialEvaluateSettings, SpatialEvaluated, evaluate_keeping};
-use super::map::{SpatialMap, Sweep};
 use super::participant::described;
 use crate::evaluate::part_folder::{PartFolder, restore, tidy};
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
 use crate::provenance::evaluation_watermark;
 
-/// A trial of a run in space.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpatialRunTrial {
-    /// Name of the trace.
-    pub trace: String,
-    /// Group of the trace.
-    pub group: String,
-    /// Whisker of the trace.
-    pub whisker: SpatialRunWhisker,
-    /// Description of the touched solid. Its schema belongs to the generator.
-    pub solid: Value,
+/// Description of the run that a dataset and settings determine, and the calibrations that it reads.
+///
+/// # Errors
+/// If an input cannot be read, an estimator or front end is unknown or its settings are invalid, or a calibration was made
+/// through another front end.
+fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<(SpatialRun, Calibrations)> {
+    let estimators = described(settings)?;
+    let front_end = SpatialFrontEnd::new(&settings.front_end)?;
+    let (mut trials, mut data) = (Vec::new(), Vec::new());
+    let calibrations = settings.calibrations(dataset)?;
+    let mut hashes: BTreeMap<&str, String> = BTreeMap::new();
+    let mut sensors = Vec::new();
+    for (whisker, (path, file)) in &calibrations {
+        hashes.insert(whisker, sha256_of_file(path)?);
+        sensors.extend(front_end.sensor(path, file)?.cloned());
+    }
+    let front_end = front_end.describe(sensors);
+    for path in &dataset.paths {
+        let sidecar = SpatialSidecar::read(path)?;
+        if sidecar.role == Role::Trial {
+            data.push(sidecar.data_sha256());
+            data.push(hashes[sidecar.whisker.name.as_str()].clone());
+            let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
+            let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
+            let solid = scene.get("solid").cloned().unwrap_or_default();
+            trials.push(SpatialRunTrial { trace: name, group, whisker, solid });
+        }
+    }
+    data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &front_end, &estimators))?);
+    let run = SpatialRun {
+        watermark: evaluation_watermark(data.iter().map(String::as_str)),
+        name: dataset.name.clone(),
+        noise: settings.noise,
+        seeds: settings.seeds.clone(),
+        front_end,
+        estimators,
+        trials,
+    };
+    Ok((run, calibrations))
 }
 
-/// A whisker of a run in space.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpatialRunWhisker {
-    /// Whisker in its own plane.
-    pub whisker: Whisker,
-    /// Springs at the root.
-    pub suspension: StatedSuspension,
-    /// Poisson ratio of the wire.
-    pub poisson_ratio: f64,
+/// Whether a folder has all files of the run.
+fn is_complete(run: &SpatialRun, folder: &Path) -> bool {
+    let traces: Vec<String> = run.solids().iter().map(SweptSolid::traces).collect();
+    let is_there = |file: &RunFile, name: &str, estimator: &str| file.path_of(folder, &[name, estimator]).is_file();
+    SPATIAL_RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).all(|file| match file.per {
+        Per::TraceAndEstimator => run
+            .estimators
+            .keys()
+            .all(|estimator| run.trials.iter().all(|trial| is_there(file, &trial.trace, estimator))),
+        Per::SolidAndEstimator => {
+            run.estimators.keys().all(|estimator| traces.iter().all(|traces| is_there(file, traces, estimator)))
+        }
+        _ => file.path(folder).is_file(),
+    })
 }
 
-/// Description of a run in space, `space_run.json`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpatialRun {
-    /// Program and hash of the inputs.
-    pub watermark: Watermark,
-    /// Name of the dataset.
-    pub name: String,
-    /// White noise added to the moments, as a fraction of the largest moment of each group of trials with one whisker.
-    pub noise: f64,
-    /// Seeds of the noise and of the front end.
-    pub seeds: Vec<u64>,
-    /// Front end with its settings and the calibrations of its sensors. `None` if the readings are the moments with white noise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub front_end: Option<SpatialFrontEndFile>,
-    /// Estimators by name, with their settings.
-    pub estimators: BTreeMap<String, Value>,
-    /// The trials.
-    pub trials: Vec<SpatialRunTrial>,
-}
-
-impl SpatialRun {
-    /// Description of the run that a dataset and settings determine, and the calibrations that it reads.
-    ///
-    /// # Errors
-    /// If an input cannot be read, an estimator or front end is unknown or its settings are invalid, or a calibration was made
-    /// through another front end.
-    fn new(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyhow::Result<(Self, Calibrations)> {
-        let estimators = described(settings)?;
-        let front_end = SpatialFrontEnd::new(&settings.front_end)?;
-        let (mut trials, mut data) = (Vec::new(), Vec::new());
-        let calibrations = settings.calibrations(dataset)?;
-        let mut hashes: BTreeMap<&str, String> = BTreeMap::new();
-        let mut sensors = Vec::new();
-        for (whisker, (path, file)) in &calibrations {
-            hashes.insert(whisker, sha256_of_file(path)?);
-            sensors.extend(front_end.sensor(path, file)?.cloned());
-        }
-        let front_end = front_end.describe(sensors);
-        for path in &dataset.paths {
-            let sidecar = SpatialSidecar::read(path)?;
-            if sidecar.role == Role::Trial {
-                data.push(sidecar.data_sha256());
-                data.push(hashes[sidecar.whisker.name.as_str()].clone());
-                let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
-                let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
-                let solid = scene.get("solid").cloned().unwrap_or_default();
-                trials.push(SpatialRunTrial { trace: name, group, whisker, solid });
-            }
-        }
-        data.push(serde_json::to_string(&(settings.noise, &settings.seeds, &front_end, &estimators))?);
-        let run = Self {
-            watermark: evaluation_watermark(data.iter().map(String::as_str)),
-            name: dataset.name.clone(),
-            noise: settings.noise,
-            seeds: settings.seeds.clone(),
-            front_end,
-            estimators,
-            trials,
-        };
-        Ok((run, calibrations))
-    }
-
-    /// Reads the description of the run in a folder. `None` if the folder holds no run in space.
-    ///
-    /// # Errors
-    /// If it cannot be read.
-    pub fn read(folder: &Path) -> anyhow::Result<Option<Self>> {
-        let path = RUN.path(folder);
-        Ok(if path.is_file() { Some(read_json(&path)?) } else { None })
-    }
-
-    /// One row per group, whisker and estimator of the run in a folder.
-    ///
-    /// # Errors
-    /// If the table cannot be read.
-    pub fn summary(folder: &Path) -> anyhow::Result<Vec<SpatialSummaryRow>> {
-        read_rows(&SUMMARY.path(folder))
-    }
-
-    /// One row per trace, estimator and seed of the run in a folder.
-    ///
-    /// # Errors
-    /// If the table cannot be read.
-    pub fn trials(folder: &Path) -> anyhow::Result<Vec<SpatialTrialRow>> {
-        read_rows(&TRIALS.path(folder))
-    }
-
-    /// Times of the steps of the run in a folder, one row per estimator. They depend on the machine.
-    ///
-    /// # Errors
-    /// If the table cannot be read.
-    pub fn times(folder: &Path) -> anyhow::Result<Vec<SpatialTimesRow>> {
-        read_rows(&TIMES.path(folder))
-    }
-
-    /// Estimates of one estimator on one trace with the first seed, at evenly spaced instants.
-    ///
-    /// # Errors
-    /// If the table cannot be read.
-    pub fn estimates(folder: &Path, trace: &str, estimator: &str) -> anyhow::Result<Vec<SpatialEstimateRow>> {
-        read_rows(&ESTIMATES.path_of(folder, &[trace, estimator]))
-    }
-
-    /// Trials on which an external program failed, of the run in a folder.
-    ///
-    /// # Errors
-    /// If the table cannot be read.
-    pub fn failures(folder: &Path) -> anyhow::Result<Vec<FailureRow>> {
-        read_rows(&FAILURES.path(folder))
-    }
-
-    /// Trials by the solid that they sweep over, in order of their first trial. A trial whose solid is unknown, as in recordings of
-    /// real sensors, is on its own.
-    fn solids(&self) -> Vec<Swept<'_>> {
-        let mut solids: Vec<Swept<'_>> = Vec::new();
-        for trial in &self.trials {
-            match solids.iter_mut().find(|swept| !swept.solid.is_null() && *swept.solid == trial.solid) {
-                Some(swept) => swept.trials.push(trial),
-                None => solids.push(Swept { solid: &trial.solid, trials: vec![trial] }),
-            }
-        }
-        solids
-    }
-
-    /// Whether a folder has all files of the run.
-    fn is_complete(&self, folder: &Path) -> bool {
-        let traces: Vec<String> = self.solids().iter().map(|swept| joined(&swept.trials)).collect();
-        let is_there = |file: &RunFile, name: &str, estimator: &str| file.path_of(folder, &[name, estimator]).is_file();
-        SPATIAL_RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).all(|file| match file.per {
-            Per::TraceAndEstimator => self
-                .estimators
-                .keys()
-                .all(|estimator| self.trials.iter().all(|trial| is_there(file, &trial.trace, estimator))),
-            Per::SolidAndEstimator => {
-                self.estimators.keys().all(|estimator| traces.iter().all(|traces| is_there(file, traces, estimator)))
-            }
-            _ => file.path(folder).is_file(),
-        })
-    }
-
-    /// Differences in settings from another run.
-    fn differences(&self, new: &Self) -> Vec<String> {
-        let names = |run: &Self| run.estimators.keys().cloned().collect();
-        let traces = |run: &Self| run.trials.iter().map(|trial| trial.trace.clone()).collect();
-        let changed = |(name, config): &(&String, &Value)| new.estimators.get(*name).is_some_and(|new| new != *config);
-        let lists = [
-            difference("noise", &self.noise.to_string(), &new.noise.to_string()),
-            difference("seeds", &seeds(&self.seeds), &seeds(&new.seeds)),
-            difference("front end", &front_end(self), &front_end(new)),
-            of_lists("estimators", names(self), names(new)),
-            of_lists("traces", traces(self), traces(new)),
-        ];
-        let settings = self.estimators.iter().filter(changed).map(|(name, _)| format!("settings of `{name}`"));
-        lists.into_iter().flatten().chain(settings).collect()
-    }
+/// Differences in settings between two runs.
+fn differences(old: &SpatialRun, new: &SpatialRun) -> Vec<String> {
+    let names = |run: &SpatialRun| run.estimators.keys().cloned().collect();
+    let traces = |run: &SpatialRun| run.trials.iter().map(|trial| trial.trace.clone()).collect();
+    let changed = |(name, config): &(&String, &Value)| new.estimators.get(*name).is_some_and(|new| new != *config);
+    let lists = [
+        difference("noise", &old.noise.to_string(), &new.noise.to_string()),
+        difference("seeds", &seeds(&old.seeds), &seeds(&new.seeds)),
+        difference("front end", &front_end(old), &front_end(new)),
+        of_lists("estimators", names(old), names(new)),
+        of_lists("traces", traces(old), traces(new)),
+    ];
+    let settings = old.estimators.iter().filter(changed).map(|(name, _)| format!("settings of `{name}`"));
+    lists.into_iter().flatten().chain(settings).collect()
 }
 
 /// Front end of a run, for messages.
 fn front_end(run: &SpatialRun) -> String {
     run.front_end.as_ref().map_or_else(|| SPATIAL_FRONT_ENDS[0].name.into(), |of| format!("{} {}", of.name, of.config))
-}
-
-/// A solid, and the trials that sweep over it.
-struct Swept<'a> {
-    solid: &'a Value,
-    trials: Vec<&'a SpatialRunTrial>,
-}
-
-/// Names of the traces of some trials, joined by `+`.
-fn joined(trials: &[&SpatialRunTrial]) -> String {
-    trials.iter().map(|trial| trial.trace.as_str()).collect::<Vec<_>>().join("+")
 }
 
 /// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.
@@ -237,13 +114,14 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
         solids.iter().flat_map(|solid| run.estimators.keys().map(move |estimator| (solid, estimator))).collect();
     let scores: Vec<anyhow::Result<SpatialMapRow>> = work
         .par_iter()
-        .map(|(Swept { solid, trials }, estimator)| {
+        .map(|(swept, estimator)| {
+            let SweptSolid { solid, trials } = swept;
             let tables = trials.iter().map(|trial| SpatialRun::estimates(folder, &trial.trace, estimator));
             let tables: Vec<Vec<SpatialEstimateRow>> = tables.collect::<anyhow::Result<_>>()?;
             let sweeps: Vec<Sweep<'_>> =
                 trials.iter().zip(&tables).map(|(trial, rows)| Sweep { whisker: &trial.whisker, rows }).collect();
             let map = SpatialMap::new(&sweeps)?;
-            let traces = joined(trials);
+            let traces = swept.traces();
             let path = |file: RunFile| file.path_of(folder, &[&traces, estimator]);
             write_atomically(&path(MAP_POINTS), map.to_ply().as_bytes())?;
             write_atomically(&path(MAP_SURFACE), map.surface.to_ply().as_bytes())?;
@@ -299,10 +177,10 @@ pub fn evaluate_into(
 ) -> anyhow::Result<SpatialWritten> {
     restore(folder)?;
     ResultsKind::SpatialRun.check_may_replace(folder)?;
-    let (run, calibrations) = SpatialRun::new(dataset, settings)?;
+    let (run, calibrations) = described_run(dataset, settings)?;
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
-            && run.is_complete(folder)
+            && is_complete(&run, folder)
             && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
             && let (Ok(times), Ok(failures)) = (SpatialRun::times(folder), SpatialRun::failures(folder))
         {
@@ -310,7 +188,7 @@ pub fn evaluate_into(
             return Ok(SpatialWritten { summary, times, failures, is_new: false });
         }
         if !force {
-            check_same(folder, old.map(|old| old.differences(&run)))?;
+            check_same(folder, old.map(|old| differences(&old, &run)))?;
         }
     }
     let part = PartFolder::open(folder, &run.watermark.inputs_sha256)?;

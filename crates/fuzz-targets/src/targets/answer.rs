@@ -1,8 +1,8 @@
 //! Answer line of an external program.
 
-use evaluation::participant::estimate;
 use serde_json::Value;
 use strict_json::parse_json;
+use testbed::protocol::estimate;
 use whisker::sensor::Face;
 
 use crate::golden::KNOWLEDGE;

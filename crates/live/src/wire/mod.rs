@@ -5,11 +5,12 @@ mod space;
 
 use std::fmt;
 
-use evaluation::participant::{AnswerLine, BaseNoiseLine, ContactPriorLine, SpatialAnswerLine};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strict_json::{parse_json, reason, shown};
+use testbed::protocol::space::SpatialAnswerLine;
+use testbed::protocol::{AnswerLine, BaseNoiseLine, ContactPriorLine};
 use whisker::Whisker;
 use whisker::frames::{Base, Pose, World};
 

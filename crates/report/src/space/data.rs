@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use evaluation::space::{SpatialRun, SpatialRunTrial};
 use testbed::results::read_rows;
 use testbed::space::SpatialEstimateRow;
 use testbed::space::files::{SUMMARY, TRIALS};
 use testbed::space::rows::{SpatialSummaryRow, SpatialTrialRow};
+use testbed::space::run::{SpatialRun, SpatialRunTrial};
 
 use crate::run_data::scored;
 

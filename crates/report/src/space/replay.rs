@@ -3,13 +3,13 @@
 use std::cmp::Ordering;
 
 use anyhow::{Context, Result};
-use evaluation::space::SpatialWire;
 use maud::{Markup, html};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use testbed::results::RECOMMENDED;
 use testbed::space::SpatialEstimateRow;
 use testbed::space::solid::Solid;
+use testbed::space::wire::SpatialWire;
 use testbed::statistics::CHI2_3_95;
 
 use super::Data;

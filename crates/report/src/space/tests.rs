@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use evaluation::space::{SpatialRun, SpatialRunTrial, SpatialRunWhisker};
 use files::Watermark;
 use serde_json::json;
 use testbed::results::csv_bytes;
 use testbed::space::SpatialEstimateRow;
 use testbed::space::rows::{SpatialSummaryRow, SpatialTrialRow};
+use testbed::space::run::{SpatialRun, SpatialRunTrial, SpatialRunWhisker};
 use trace::StatedSuspension;
 use whisker::Whisker;
 

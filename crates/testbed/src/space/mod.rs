@@ -3,12 +3,19 @@
 pub mod bound;
 mod estimates;
 pub mod files;
+mod glb;
+pub mod map;
 pub mod object;
+mod ply;
 mod readings;
 pub mod replay;
 pub mod rows;
+pub mod run;
 pub mod solid;
+pub mod surface;
 pub mod trial;
+pub mod view;
+pub mod wire;
 
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
 pub(crate) use readings::bending_noise;

@@ -38,7 +38,6 @@ use trace::SensorFile;
 
 use whisker::estimators::{ESTIMATORS, EstimatorRow, MethodClass};
 
-use evaluation::space::SpatialRun;
 use testbed::dataset::Dataset;
 use testbed::metrics::Metric;
 use testbed::results::{
@@ -46,6 +45,7 @@ use testbed::results::{
     csv_bytes, read_rows, read_scores,
 };
 use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use testbed::space::run::SpatialRun;
 use testbed::statistics::mean;
 
 /// Side of the bound on which a figure has to lie.

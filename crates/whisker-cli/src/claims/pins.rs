@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use evaluation::baseline::{self, START_UP, STEADY};
+use testbed::baseline::{self, START_UP, STEADY};
 use testbed::metrics::error;
 use whisker::estimators::MethodClass;
 

@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use evaluation::plausibility::{Subject, spatial_findings};
-use evaluation::space::SpatialRun;
 use files::read_json;
 use recorded::benchmark::{FaceScore, MapScore, PinSummary, SettingsUsed, SweepScore};
 use recorded::pins::PinScore;
@@ -15,6 +14,7 @@ use testbed::front_end::FRONT_ENDS;
 use testbed::results::files::{Rows, run_file};
 use testbed::results::{RUN_FILES, ResultsKind, Run, read_rows};
 use testbed::space::files::SPATIAL_RUN_FILES;
+use testbed::space::run::SpatialRun;
 use trace::{
     ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
     SpatialCertificate, SpatialTrace, Suite, Trace, is_spatial,

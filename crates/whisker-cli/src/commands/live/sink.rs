@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use evaluation::participant::AnswerLine;
 use live::wire::Written;
 use live::{Answer, Counters, Event, Output, Status};
 use platform::inference::Times;
 use serde::Serialize;
+use testbed::protocol::AnswerLine;
 
 use super::blocked::{Stream, Writing};
 use crate::commands::{FINISHED_WITH_FAILURES, diagnose};

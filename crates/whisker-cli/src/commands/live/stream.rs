@@ -10,7 +10,6 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use evaluation::participant::{PROTOCOL, SPATIAL_PROTOCOL};
 use live::counts::{self, Counts, MODULI, Reading, Sensor, ZEROING_S, ZEROINGS_S};
 use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
 use live::{
@@ -20,6 +19,8 @@ use live::{
 use nalgebra::Vector2;
 use serde_json::{Value, json};
 use strict_json::one_line;
+use testbed::protocol::PROTOCOL;
+use testbed::protocol::space::SPATIAL_PROTOCOL;
 use testbed::replay::{method, read_by};
 use testbed::space;
 use trace::{CalibrationFile, RATES_HZ, SensorFile, SpatialCalibrationFile, is_spatial};

@@ -2,10 +2,10 @@
 
 use anyhow::Context;
 use nalgebra::Vector3;
-use testbed::space::SpatialEstimateRow;
 use whisker::rod::{Rod, SpatialLoad};
 
-use super::SpatialRunWhisker;
+use super::SpatialEstimateRow;
+use super::run::SpatialRunWhisker;
 
 /// A whisker of a run, in equilibrium according to the Kirchhoff rod.
 #[derive(Clone, Debug)]

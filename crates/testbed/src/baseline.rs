@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use testbed::metrics::START_UP_S;
-use testbed::results::{ErrorBandRow, Run};
-use testbed::statistics::rms;
+use crate::metrics::START_UP_S;
+use crate::results::{ErrorBandRow, Run};
+use crate::statistics::rms;
 use whisker::estimators::MethodClass;
 
 /// Start-up, as time since the touch.

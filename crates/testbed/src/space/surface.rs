@@ -3,10 +3,11 @@
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use nalgebra::Vector3;
-use testbed::space::solid::Solid;
-use testbed::statistics;
 use whisker::space::frames::Point;
 use whisker::space::surface::{ImplicitSurface, LENGTHS_M, OrientedPoint, ProjectedPoint};
+
+use super::solid::Solid;
+use crate::statistics;
 
 /// Largest standard deviation of a vertex, and of one that is scored.
 const MOST_SD_M: f64 = 1e-3;

@@ -6,12 +6,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Vector3};
-use testbed::space::SpatialEstimateRow;
 use whisker::space::frames::Point;
 use whisker::space::surface::OrientedPoint;
 
+use super::SpatialEstimateRow;
 use super::map::SurfacePoint;
-use super::{SpatialRunWhisker, SpatialWire};
+use super::run::SpatialRunWhisker;
+use super::wire::SpatialWire;
 
 /// Edge of the cells in which points are merged.
 const CELL_M: f64 = 0.5e-3;

@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
-use testbed::space::SpatialEstimateRow;
-pub use testbed::space::rows::{Occupancy, VoxelRow};
-use testbed::space::solid::Solid;
 use whisker::space::surface::OrientedPoint;
 
-use super::SpatialRunWhisker;
+use super::SpatialEstimateRow;
+use super::rows::{Occupancy, VoxelRow};
+use super::run::SpatialRunWhisker;
+use super::solid::Solid;
 use super::surface::SurfaceMesh;
 use super::view::{Cell, Index, SpatialObserver, SpatialView, VOXEL_M, index};
 
