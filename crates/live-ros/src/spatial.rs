@@ -30,7 +30,7 @@ pub(crate) struct SpatialGeometry {
 
 impl SpatialGeometry {
     pub(crate) fn new(whisker: &SpatialRunWhisker, knowledge: Arc<Knowledge>) -> anyhow::Result<Self> {
-        let observer = SpatialObserver::new(whisker, knowledge.calibrated.largest_reading_n_m)?;
+        let observer = SpatialObserver::new(whisker)?;
         Ok(Self { knowledge, observer, view: SpatialView::default() })
     }
 

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use testbed::results::read_rows;
 use testbed::space::SpatialEstimateRow;
-use testbed::space::files::{SUMMARY, TRIALS};
+use testbed::space::files::{MAP_SURFACE, SUMMARY, TRIALS};
 use testbed::space::rows::{SpatialSummaryRow, SpatialTrialRow};
-use testbed::space::run::{SpatialRun, SpatialRunTrial};
+use testbed::space::run::{SpatialRun, SpatialRunTrial, SweptSolid};
+use testbed::space::surface::SurfaceMesh;
 
 use crate::run_data::scored;
 
@@ -66,6 +67,15 @@ impl Data {
         errors.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (_, name) = errors.get(errors.len() / 2)?;
         self.run.trials.iter().find(|trial| trial.trace == *name)
+    }
+
+    /// Surface of a solid by one estimator, from all sweeps over the solid.
+    ///
+    /// # Errors
+    /// When the file is missing or damaged.
+    pub(crate) fn surface(&self, swept: &SweptSolid<'_>, estimator: &str) -> Result<SurfaceMesh> {
+        let path = MAP_SURFACE.path_of(&self.folder, &[&swept.traces(), estimator]);
+        SurfaceMesh::read_ply(&path).context("maps; evaluate again")
     }
 
     /// Estimates of one estimator on one trace with the first seed.

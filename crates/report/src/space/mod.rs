@@ -6,6 +6,7 @@ mod data;
 mod page;
 mod replay;
 mod scores;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 
@@ -27,6 +28,14 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
         caption: "Mean distance of the estimated points of the surface from the true solid, inside or outside, from one second \
                   after the touch. It says nothing about the place along the surface, which the error of the contact includes.",
         draw: scores::surfaces,
+    },
+    Figure {
+        name: "space_maps",
+        title: "Estimated surfaces",
+        caption: "Largest surface in each group, estimated from all sweeps over the solid with the first seed. Its colour is the \
+                  distance from the true solid (grey curves); it is seen along its mean normal, and extends as far as its standard \
+                  deviation is at most 1 mm. Solids that are meshes are left out.",
+        draw: surfaces::draw,
     },
     Figure {
         name: "space_coverage",

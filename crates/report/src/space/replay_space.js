@@ -1,4 +1,4 @@
-// The scene of a trial in space: solid, whisker, base, true and estimated contact with its ellipsoid, estimated contacts so far.
+// The scene of a trial in space: solid, estimated surface, whisker, base, true and estimated contact with its ellipsoid, estimated contacts so far.
 // Parallel projection; dragging a view, or the arrow keys, turn both views.
 "use strict";
 function stageOf(part, { draw, smooth }, redraw) {
@@ -29,6 +29,10 @@ function stageOf(part, { draw, smooth }, redraw) {
     view.setAttribute("viewBox", `${x - width / 2} ${y - height / 2} ${width} ${height}`);
     view.replaceChildren();
     draw(view, "path", { class: "solid", d: trial.solid_um.map(line).join("") });
+    for (const { colour, triangles } of run.surface) {
+      const corners = triangles.map(triangle => triangle.map(index => run.vertices_um[index]));
+      draw(view, "path", { class: "surface", fill: colour, stroke: colour, d: corners.map(line).join("") });
+    }
     draw(view, "path", { class: "found", d: dots(run.contact_um.slice(0, frame + 1)) });
     if (trial.wire_um[frame]) draw(view, "path", { class: "wire", d: smooth(trial.wire_um[frame].map(flat)) });
     draw(view, "path", { class: "base", "stroke-linecap": "square", d: dots([trial.base_um[frame]]) });

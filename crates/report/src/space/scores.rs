@@ -1,4 +1,4 @@
-//! Scores of every group of trials, as rows of markers.
+//! Scores of every group of trials, as rows of markers, or of many groups as distributions.
 
 use anyhow::Result;
 use testbed::space::rows::SpatialSummaryRow;
@@ -6,10 +6,19 @@ use testbed::space::rows::SpatialSummaryRow;
 use super::Data;
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
-use crate::style::{INK, LABEL, LegendEntry, Look, MARKER_PX, MUTED, legend, plain};
+use crate::style::{CURVE_PX, INK, LABEL, LegendEntry, Look, MARKER_PX, MUTED, legend, plain};
+
+/// Largest number of groups that have a row each.
+const MOST_ROWS: usize = 24;
 
 /// Height of the row of one group.
 const GROUP_PX: f64 = 30.0;
+
+/// Height of a picture with distributions.
+const DISTRIBUTION_PX: u32 = 420;
+
+/// Width of the line of a limit.
+const LIMIT_PX: f64 = 2.0;
 
 /// Smallest height of a picture.
 const LEAST_PX: f64 = 300.0;
@@ -92,7 +101,16 @@ fn angles(
     picture(data, score, Limit { name: "", value: |_| None })
 }
 
-/// A panel for each whisker, a row for each group with the score, a marker for each estimator.
+/// The scores of all groups with one whisker, which a panel shows.
+struct PanelScores {
+    title: String,
+    /// For each estimator, the number of a group, counted from the last one, and its score.
+    of_estimators: Vec<Vec<(usize, f64)>>,
+    /// The same for the limit.
+    limits: Vec<(usize, f64)>,
+}
+
+/// A panel for each whisker: rows of markers, or distributions if there are many groups.
 fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
     let shown = |group: &&str| data.summary.iter().any(|row| row.group == **group && (score.value)(row).is_some());
     let groups: Vec<&str> = data.groups().into_iter().filter(shown).collect();
@@ -100,45 +118,57 @@ fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
         return Ok(None);
     }
     let estimators: Vec<String> = data.estimators().into_iter().map(Into::into).collect();
-    let mut values = Vec::new();
     let mut panels = Vec::new();
     for whisker in data.whiskers() {
-        let (mut marks, mut limits) = (vec![Vec::new(); estimators.len()], Vec::new());
-        for (from_top, group) in groups.iter().enumerate() {
-            let row = (groups.len() - 1 - from_top) as f64;
+        let (mut of_estimators, mut limits) = (vec![Vec::new(); estimators.len()], Vec::new());
+        for (number, group) in groups.iter().rev().enumerate() {
             for scores in data.scores(group, whisker) {
                 let Some(index) = estimators.iter().position(|name| *name == scores.estimator) else { continue };
                 if let Some(value) = (score.value)(scores) {
-                    let shift = SPREAD * (0.5 - (index as f64 + 0.5) / estimators.len() as f64);
-                    marks[index].push((value, row + shift));
-                    values.push(value);
-                    limits.extend((limit.value)(scores).map(|value| (row, value)));
+                    of_estimators[index].push((number, value));
+                    limits.extend((limit.value)(scores).map(|value| (number, value)));
                 }
             }
         }
         limits.dedup_by(|a, b| a.0 == b.0);
-        values.extend(limits.iter().map(|(_, value)| *value));
-        panels.push((format!("{whisker} whisker: {}", score.title), marks, limits));
+        panels.push(PanelScores { title: format!("{whisker} whisker: {}", score.title), of_estimators, limits });
     }
-    let axis = (score.axis)(score.label, values);
+    let all = panels.iter().flat_map(|panel| panel.of_estimators.iter().flatten().chain(&panel.limits));
+    let axis = (score.axis)(score.label, all.map(|(_, value)| *value).collect());
     let groups: Vec<String> = groups.into_iter().map(plain).collect();
-    let height_px = (GROUP_PX * groups.len() as f64 + 130.0).max(LEAST_PX);
+    Ok(Some(if groups.len() > MOST_ROWS {
+        distributions(panels, axis, estimators, limit.name, groups.len())
+    } else {
+        rows(panels, axis, estimators, limit.name, groups)
+    }))
+}
 
+/// The legend of estimators and limit. Returns its lower border.
+fn paint_legend(canvas: &Canvas, estimators: &[String], limit: &str) -> Result<f64> {
+    let mut entries: Vec<_> =
+        estimators.iter().enumerate().map(|(index, name)| LegendEntry::marker(name, Look::of(index), true)).collect();
+    if !limit.is_empty() {
+        entries.push(LegendEntry::line(limit, INK, LIMIT_PX));
+    }
+    legend(canvas, (16.0, 18.0), &entries)
+}
+
+/// A row for each group, with a marker for each estimator.
+fn rows(
+    panels: Vec<PanelScores>,
+    axis: Axis,
+    estimators: Vec<String>,
+    limit: &'static str,
+    groups: Vec<String>,
+) -> Picture {
+    let height_px = (GROUP_PX * groups.len() as f64 + 130.0).max(LEAST_PX);
     let paint = move |canvas: &Canvas| {
-        let mut entries: Vec<_> = estimators
-            .iter()
-            .enumerate()
-            .map(|(index, name)| LegendEntry::marker(name, Look::of(index), true))
-            .collect();
-        if !limit.name.is_empty() {
-            entries.push(LegendEntry::line(limit.name, INK, 2.0));
-        }
-        let below = legend(canvas, (16.0, 18.0), &entries)?;
+        let below = paint_legend(canvas, &estimators, limit)?;
         let widest_px = groups.iter().map(|name| canvas.text_width_px(name, LABEL)).fold(0.0, f64::max);
         let left_px = LEAST_LEFT_PX.max(widest_px + 2.0 * NAME_GAP_PX);
         let frames = Rect::inside(canvas, [left_px, below + 44.0, 18.0, 48.0]).columns(&equal(panels.len()), 28.0);
-        for (column, ((title, marks, limits), frame)) in panels.iter().zip(frames).enumerate() {
-            let panel = Panel::new(canvas, frame, title, axis.clone(), Axis::places(groups.len()))?;
+        for (column, (scores, frame)) in panels.iter().zip(frames).enumerate() {
+            let panel = Panel::new(canvas, frame, &scores.title, axis.clone(), Axis::places(groups.len()))?;
             for (row, name) in groups.iter().rev().enumerate() {
                 let (_, y) = panel.at((1.0, row as f64));
                 if column == 0 {
@@ -149,17 +179,50 @@ fn picture(data: &Data, score: Score, limit: Limit) -> Result<Option<Picture>> {
                     canvas.line(&[(frame.left, border), (frame.right, border)], MUTED.mix(0.25), 1.0)?;
                 }
             }
-            for (row, limit) in limits {
-                let ends = [0.5 * SPREAD, -0.5 * SPREAD].map(|shift| panel.at((*limit, row + shift)));
-                canvas.line(&ends, INK, 2.0)?;
+            for (row, limit) in &scores.limits {
+                let ends = [0.5 * SPREAD, -0.5 * SPREAD].map(|shift| panel.at((*limit, *row as f64 + shift)));
+                canvas.line(&ends, INK, LIMIT_PX)?;
             }
-            for (index, points) in marks.iter().enumerate() {
-                for point in points {
-                    Look::of(index).mark(canvas, panel.at(*point), MARKER_PX, true)?;
+            for (index, of_groups) in scores.of_estimators.iter().enumerate() {
+                let shift = SPREAD * (0.5 - (index as f64 + 0.5) / estimators.len() as f64);
+                for (row, value) in of_groups {
+                    Look::of(index).mark(canvas, panel.at((*value, *row as f64 + shift)), MARKER_PX, true)?;
                 }
             }
         }
         Ok(())
     };
-    Ok(Some(Picture::new(1200, height_px as u32, paint)))
+    Picture::new(1200, height_px as u32, paint)
+}
+
+/// The share of the groups with at most each value.
+fn distributions(
+    panels: Vec<PanelScores>,
+    axis: Axis,
+    estimators: Vec<String>,
+    limit: &'static str,
+    groups: usize,
+) -> Picture {
+    let paint = move |canvas: &Canvas| {
+        let below = paint_legend(canvas, &estimators, limit)?;
+        let frames = Rect::inside(canvas, [64.0, below + 44.0, 18.0, 48.0]).columns(&equal(panels.len()), 64.0);
+        for (scores, frame) in panels.iter().zip(frames) {
+            let shares = Axis::linear("groups with at most this value (%)", 0.0, 100.0);
+            let panel = Panel::new(canvas, frame, &scores.title, axis.clone(), shares)?;
+            panel.line(steps(&scores.limits), INK, LIMIT_PX)?;
+            for (index, of_groups) in scores.of_estimators.iter().enumerate() {
+                panel.marked_line(&steps(of_groups), Look::of(index), CURVE_PX, (20.0, 80.0))?;
+            }
+        }
+        Ok(())
+    };
+    Picture::new(1200, DISTRIBUTION_PX, paint).noted(format!("Distributions over {groups} groups."))
+}
+
+/// The steps of the cumulative distribution of the values of some groups (%).
+fn steps(of_groups: &[(usize, f64)]) -> Vec<(f64, f64)> {
+    let mut values: Vec<f64> = of_groups.iter().map(|(_, value)| *value).collect();
+    values.sort_by(f64::total_cmp);
+    let percent = |rank: usize| 100.0 * rank as f64 / values.len() as f64;
+    values.iter().enumerate().flat_map(|(rank, value)| [(*value, percent(rank)), (*value, percent(rank + 1))]).collect()
 }

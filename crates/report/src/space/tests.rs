@@ -4,13 +4,17 @@ use std::fs;
 use std::path::Path;
 
 use files::Watermark;
+use nalgebra::Vector3;
 use serde_json::json;
 use testbed::results::csv_bytes;
 use testbed::space::SpatialEstimateRow;
 use testbed::space::rows::{SpatialSummaryRow, SpatialTrialRow};
 use testbed::space::run::{SpatialRun, SpatialRunTrial, SpatialRunWhisker};
+use testbed::space::surface::{SurfaceMesh, Vertex};
 use trace::StatedSuspension;
 use whisker::Whisker;
+use whisker::space::frames::Point;
+use whisker::space::surface::ProjectedPoint;
 
 use super::FIGURES;
 use crate::tests::{files_of_report, report};
@@ -136,10 +140,19 @@ fn write_run(folder: &Path) {
         |name: &str, bytes: anyhow::Result<Vec<u8>>| fs::write(folder.join(name), bytes.unwrap()).expect("written");
     write("space_trials.csv", csv_bytes(&ESTIMATORS.map(trial)));
     write("space_summary.csv", csv_bytes(&ESTIMATORS.map(summary)));
-    fs::create_dir(folder.join("space_estimates")).expect("created");
+    ["space_estimates", "space_maps"].map(|name| fs::create_dir(folder.join(name)).expect("created"));
+    let vertex = |x_m: f64, z_m: f64| Vertex {
+        on: ProjectedPoint { at: Point::new(x_m, 6e-4, z_m), normal: Vector3::y(), sd_m: 1e-5 },
+        object: 0,
+    };
+    let mesh = SurfaceMesh {
+        vertices: vec![vertex(-1e-3, 0.0), vertex(1e-3, 0.0), vertex(0.0, 2e-3)],
+        triangles: vec![[0, 1, 2]],
+    };
     for estimator in ESTIMATORS {
         let rows: Vec<SpatialEstimateRow> = (0..20).map(estimate).collect();
         write(&format!("space_estimates/edge.{estimator}.csv"), csv_bytes(&rows));
+        write(&format!("space_maps/edge.{estimator}.surface.ply"), Ok(mesh.to_ply().into_bytes()));
     }
 }
 
@@ -152,6 +165,10 @@ fn verif_every_figure_of_a_run_in_space_is_drawn_and_the_trial_is_replayed() {
     let page = fs::read_to_string(&paths.page).expect("page");
     assert!(page.contains("&lt;edge&gt;") && !page.contains("<edge>"), "text is escaped");
     assert!(page.contains("\"t_s\":[0.0,0.01") && page.contains("function stageOf"));
+    assert!(
+        page.contains("\"vertices_um\":[[-1000,600,0],") && page.contains("\"triangles\":[[0,1,2]]"),
+        "the surface"
+    );
     // The whisker ends at its tip, 80 mm from the base, while it is free.
     assert!(page.contains("[80000,0,0]]"), "the free whisker is drawn");
     assert!(!page.contains("<td class=\"number\"><b class=\"best\">"), "equal values are not ranked");

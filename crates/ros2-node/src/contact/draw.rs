@@ -17,6 +17,9 @@ const DIAGNOSE_EVERY: Duration = Duration::from_secs(1);
 /// Number of intervals after which a drawing that is not renewed disappears.
 const LIFETIME: f64 = 5.0;
 
+/// Topics on which objects and maps are published. Without a listener to any of them no map is computed.
+const OF_MAPS: [&str; 5] = [topics::MAP, topics::MAP_POINTS, topics::MAP_VOXELS, topics::MARKERS, topics::SCENE];
+
 /// Repetition at an interval.
 struct Every {
     interval: Duration,
@@ -54,6 +57,7 @@ impl Session {
                 self.draw(&objects, LIFETIME * draw_every_s)?;
             }
             if maps.is_due()
+                && self.is_heard(&OF_MAPS)
                 && let Some((time_ns, observed)) = self.observed()
             {
                 let map = mapper.map(observed, time_ns);
@@ -62,7 +66,7 @@ impl Session {
                     message.write(&mut *locked(&self.outlet), &layer_topic(&self.mapping, layer), time_ns)?;
                 }
                 if map.is_too_large && !std::mem::replace(&mut was_too_large, true) {
-                    eprintln!("error: the observed cells extend too far for a map, which is not published");
+                    eprintln!("error: the map has too many cells, and is not published");
                 }
             }
         }
@@ -90,11 +94,7 @@ impl Session {
     /// Publishes the shapes of the whiskers and of the objects, if somebody listens.
     fn draw(&self, objects: &[Shape], lifetime_s: f64) -> anyhow::Result<()> {
         let prefix = &self.mapping.prefix;
-        let is_heard = {
-            let outlet = locked(&self.outlet);
-            [topics::MARKERS, topics::SCENE].iter().any(|topic| outlet.is_heard(&format!("{prefix}/{topic}")))
-        };
-        if !is_heard {
+        if !self.is_heard(&[topics::MARKERS, topics::SCENE]) {
             return Ok(());
         }
         let (mut time_ns, mut shapes) = (None, objects.to_vec());
@@ -107,6 +107,12 @@ impl Session {
         let Some(time_ns) = time_ns else { return Ok(()) };
         let drawing = Drawing { frame: self.mapping.fixed_frame.clone(), time_ns, lifetime_s, shapes };
         Ok(locked(&self.outlet).draw(prefix, &drawing)?)
+    }
+
+    /// Whether somebody listens to one of these topics, which are given by the last part of their names.
+    fn is_heard(&self, names: &[&str]) -> bool {
+        let outlet = locked(&self.outlet);
+        names.iter().any(|name| outlet.is_heard(&layer_topic(&self.mapping, name)))
     }
 
     /// The time of the newest observation (ns), and the observations of each whisker. `None` before the first used reading.

@@ -59,7 +59,7 @@ impl SurfacePoint {
 pub struct SpatialMap {
     /// Points of the surface, in the order of their cells.
     pub points: Vec<SurfacePoint>,
-    /// Number of estimates left out: outside the calibrated domain, or with a larger standard deviation than 1 mm.
+    /// Number of estimates left out: outside the calibrated domain, with a larger standard deviation than 1 mm, or in doubt.
     pub left_out: usize,
     /// Voxels that were observed, in order.
     pub voxels: Vec<VoxelRow>,
@@ -75,8 +75,7 @@ impl SpatialMap {
     pub fn new(sweeps: &[Sweep<'_>]) -> anyhow::Result<Self> {
         let (mut view, mut oriented, mut touches) = (SpatialView::default(), Vec::new(), 0);
         for sweep in sweeps {
-            let largest_n_m = sweep.rows.iter().map(SpatialEstimateRow::reading_n_m).fold(0.0, f64::max);
-            let mut observer = SpatialObserver::new(sweep.whisker, largest_n_m)?;
+            let mut observer = SpatialObserver::new(sweep.whisker)?;
             let found = sweep.rows.iter().filter_map(|row| observer.observe(row, &mut view));
             oriented.extend(found.map(|(cell, of)| (cell, OrientedPoint { touch: touches + of.touch, ..of })));
             touches += observer.touches();

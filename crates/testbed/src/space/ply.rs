@@ -1,11 +1,15 @@
 //! Maps in the format PLY (ASCII), which MeshLab, CloudCompare, Blender and Open3D open.
 
 use std::fmt::Write;
+use std::path::Path;
 
+use files::read_table;
 use nalgebra::Vector3;
+use whisker::space::frames::Point;
+use whisker::space::surface::ProjectedPoint;
 
 use super::map::{SpatialMap, colour};
-use super::surface::SurfaceMesh;
+use super::surface::{SurfaceMesh, Vertex};
 
 /// Properties of a place with its normal and its standard deviation, which its colour shows.
 const PLACE: [&str; 10] = [
@@ -61,24 +65,101 @@ impl SpatialMap {
 impl SurfaceMesh {
     /// The triangles, with vertices as in [`SpatialMap::to_ply`]; the standard deviation is that along the normal.
     pub fn to_ply(&self) -> String {
-        let vertices = element("vertex", self.vertices.len(), PLACE.into_iter().chain(["uint object"]));
-        let faces = element("face", self.triangles.len(), ["list uchar uint vertex_indices"]);
         let of_vertices = self.vertices.iter().map(|vertex| {
             format!("{} {}", place(vertex.on.at.vector(), vertex.on.normal, vertex.on.sd_m), vertex.object)
         });
         let of_faces = self.triangles.iter().map(|[a, b, c]| format!("3 {a} {b} {c}"));
-        file(&(vertices + &faces), of_vertices.chain(of_faces))
+        file(&surface_elements(self.vertices.len(), self.triangles.len()), of_vertices.chain(of_faces))
+    }
+
+    /// Reads a surface that [`SurfaceMesh::to_ply`] has written, with its rounding.
+    ///
+    /// # Errors
+    /// [`files::Error`] with the line if the file cannot be read or has another form.
+    pub fn read_ply(path: &Path) -> Result<Self, files::Error> {
+        let bytes = read_table(path)?;
+        let text = String::from_utf8_lossy(&bytes);
+        let mut lines = Lines { path, lines: text.lines(), number: 0 };
+        let count = |of: &str| {
+            let line = text.lines().find_map(|line| line.strip_prefix("element ")?.strip_prefix(of))?;
+            line.trim().parse::<usize>().ok()
+        };
+        let (vertices, triangles) = (count("vertex").unwrap_or(0), count("face").unwrap_or(0));
+        file(&surface_elements(vertices, triangles), []).lines().try_for_each(|expected| lines.expect(expected))?;
+        let vertex = |[x, y, z, nx, ny, nz, _, _, _, sd_m, object]: [f64; 11]| {
+            let (at, normal) = (Point::from_vector(Vector3::new(x, y, z)), Vector3::new(nx, ny, nz));
+            Vertex { on: ProjectedPoint { at, normal, sd_m }, object: object as usize }
+        };
+        let corners = |[_, a, b, c]: [f64; 4]| [a, b, c].map(|corner| corner as u32);
+        let mesh = Self {
+            vertices: (0..vertices).map(|_| lines.numbers().map(vertex)).collect::<Result<_, _>>()?,
+            triangles: (0..triangles).map(|_| lines.numbers().map(corners)).collect::<Result<_, _>>()?,
+        };
+        if let Some(surplus) = lines.lines.next() {
+            lines.number += 1;
+            return Err(lines.error(surplus, "the end of the file"));
+        }
+        match mesh.triangles.iter().flatten().find(|corner| **corner as usize >= vertices) {
+            Some(corner) => Err(files::Error::value(path, "vertex_indices", corner, format!("less than {vertices}"))),
+            None => Ok(mesh),
+        }
+    }
+}
+
+/// The header's description of a surface.
+fn surface_elements(vertices: usize, triangles: usize) -> String {
+    element("vertex", vertices, PLACE.into_iter().chain(["uint object"]))
+        + &element("face", triangles, ["list uchar uint vertex_indices"])
+}
+
+/// Lines of a file that is read.
+struct Lines<'a> {
+    path: &'a Path,
+    lines: std::str::Lines<'a>,
+    /// Number of the last line.
+    number: u64,
+}
+
+impl<'a> Lines<'a> {
+    /// Checks that the next line has this text.
+    fn expect(&mut self, expected: &str) -> Result<(), files::Error> {
+        let found = self.next();
+        if found == expected { Ok(()) } else { Err(self.error(found, &format!("`{expected}`"))) }
+    }
+
+    /// The numbers of the next line.
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], files::Error> {
+        let line = self.next();
+        let numbers: Option<Vec<f64>> = line.split(' ').map(|word| word.parse().ok()).collect();
+        let numbers = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+        let numbers: Option<[f64; N]> = numbers.and_then(|numbers| numbers.try_into().ok());
+        numbers.ok_or_else(|| self.error(line, &format!("{N} numbers")))
+    }
+
+    /// The next line; empty after the last one.
+    fn next(&mut self) -> &'a str {
+        self.number += 1;
+        self.lines.next().unwrap_or_default()
+    }
+
+    fn error(&self, found: &str, expected: &str) -> files::Error {
+        files::Error::Table {
+            path: self.path.into(),
+            line: self.number,
+            place: "row".into(),
+            found: if found.is_empty() { "no row".into() } else { format!("`{found}`") },
+            expected: expected.into(),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use nalgebra::Matrix3;
-    use whisker::space::frames::Point;
-    use whisker::space::surface::ProjectedPoint;
 
     use super::super::map::SurfacePoint;
-    use super::super::surface::Vertex;
     use super::*;
 
     /// Lines of the header, and rows.
@@ -121,5 +202,32 @@ mod tests {
         assert_eq!(header[header.len() - 2..], ["element face 1", "property list uchar uint vertex_indices"]);
         assert_eq!(rows[3..], ["3 0 2 1"]);
         assert_eq!(rows[1], "0.100000000 0.000000000 0.000000000 0.000000 1.000000 0.000000 68 1 84 1.000e-5 0");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("surface.ply");
+        fs::write(&path, &text).unwrap();
+        assert_eq!(SurfaceMesh::read_ply(&path).unwrap(), mesh);
+    }
+
+    #[test]
+    fn robust_another_file_is_no_surface() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("surface.ply");
+        let refused = |text: &str| {
+            fs::write(&path, text).unwrap();
+            SurfaceMesh::read_ply(&path).unwrap_err().to_string()
+        };
+        assert!(refused("").ends_with("surface.ply:1: row: found no row, expected `ply`"));
+        let text = SurfaceMesh::default().to_ply();
+        assert!(
+            refused(&text.replace("float sd_m", "float error"))
+                .ends_with("found `property float error`, expected `property float sd_m`")
+        );
+        let short = text.replace("element vertex 0", "element vertex 1");
+        assert!(refused(&short).ends_with("row: found no row, expected 11 numbers"), "{}", refused(&short));
+        let one = short + "0 0 0 0 1 0 68 1 84 nan 0\n";
+        assert!(refused(&one).ends_with("84 nan 0`, expected 11 numbers"), "{}", refused(&one));
+        let beyond = one.replace("nan", "1e-5").replace("element face 0", "element face 1") + "3 0 0 1\n";
+        assert!(refused(&beyond).ends_with("vertex_indices: found 1, expected less than 1"), "{}", refused(&beyond));
+        assert!(refused(&(beyond + "0\n")).ends_with("row: found `0`, expected the end of the file"));
     }
 }

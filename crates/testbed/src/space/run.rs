@@ -10,8 +10,8 @@ use trace::{SpatialFrontEndFile, StatedSuspension};
 use whisker::Whisker;
 
 use super::SpatialEstimateRow;
-use super::files::{ESTIMATES, FAILURES, RUN, SUMMARY, TIMES, TRIALS};
-use super::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use super::files::{ESTIMATES, FAILURES, MAP_SCORES, RUN, SUMMARY, TIMES, TRIALS};
+use super::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use crate::results::{FailureRow, read_rows};
 
 /// A trial of a run in space.
@@ -101,6 +101,14 @@ impl SpatialRun {
     /// If the table cannot be read.
     pub fn estimates(folder: &Path, trace: &str, estimator: &str) -> anyhow::Result<Vec<SpatialEstimateRow>> {
         read_rows(&ESTIMATES.path_of(folder, &[trace, estimator]))
+    }
+
+    /// Maps of the solids of the run in a folder, one row per solid and estimator.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn maps(folder: &Path) -> anyhow::Result<Vec<SpatialMapRow>> {
+        read_rows(&MAP_SCORES.path(folder))
     }
 
     /// Trials on which an external program failed, of the run in a folder.

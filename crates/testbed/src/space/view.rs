@@ -24,10 +24,6 @@ const MOST_SD_M: f64 = 1e-3;
 /// Edge of the voxels of the occupancy grid.
 pub(super) const VOXEL_M: f64 = 2e-3;
 
-/// Reading relative to the largest one, up to which a whisker without an estimate counts as undeflected: above the measurement
-/// noise, and at a deflection of less than a voxel.
-const FREE_SHARE: f64 = 0.05;
-
 /// Displacement of the root, of the tip of the undeflected whisker, or of the contact, from which the space is scanned again, as a
 /// share of a voxel's edge.
 const SCAN: f64 = 0.25;
@@ -50,7 +46,7 @@ pub struct SpatialView {
     pub(super) cells: BTreeMap<Cell, Merged>,
     /// Voxels through which a whisker passed.
     pub(super) passed: BTreeSet<Index>,
-    /// Number of estimates left out: outside the calibrated domain, or too uncertain.
+    /// Number of estimates left out: outside the calibrated domain, too uncertain, or in doubt.
     pub(super) left_out: usize,
 }
 
@@ -104,13 +100,16 @@ struct Scan {
 }
 
 impl SpatialObserver {
-    /// An observer of a whisker, whose largest reading is used to tell whether it is undeflected.
+    /// An observer of a whisker.
     ///
     /// # Errors
     /// If the whisker has invalid parameters.
-    pub fn new(whisker: &SpatialRunWhisker, largest_reading_n_m: f64) -> anyhow::Result<Self> {
-        let count = (2.0 * whisker.whisker.length_m / VOXEL_M).ceil() as usize + 1;
-        let free_n_m = FREE_SHARE * largest_reading_n_m;
+    pub fn new(whisker: &SpatialRunWhisker) -> anyhow::Result<Self> {
+        let length_m = whisker.whisker.length_m;
+        let count = (2.0 * length_m / VOXEL_M).ceil() as usize + 1;
+        let stiffness_n_m_rad = whisker.suspension.yaw_n_m_rad.min(whisker.suspension.pitch_n_m_rad);
+        // The root turns by so much that the tip moves by a voxel.
+        let free_n_m = stiffness_n_m_rad * VOXEL_M / length_m;
         Ok(Self { wire: SpatialWire::new(whisker)?, count, free_n_m, touches: 0, is_touching: false, last: None })
     }
 
@@ -219,8 +218,9 @@ impl Merged {
 }
 
 /// Point of the surface, normal and covariance of an estimate that enters a map: one within the calibrated domain, and certain
-/// enough.
+/// enough, of which the models are not in doubt.
 fn surface_of(row: &SpatialEstimateRow) -> Option<(Vector3<f64>, Vector3<f64>, Matrix3<f64>)> {
     let (at, normal, covariance_m2) = (row.surface_m()?, row.normal()?, row.covariance_m2()?);
-    (row.calibrated == Some(true) && covariance_m2.trace().sqrt() <= MOST_SD_M).then_some((at, normal, covariance_m2))
+    let is_trusted = row.calibrated == Some(true) && row.model_doubtful != Some(true);
+    (is_trusted && covariance_m2.trace().sqrt() <= MOST_SD_M).then_some((at, normal, covariance_m2))
 }

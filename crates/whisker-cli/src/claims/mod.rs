@@ -21,6 +21,7 @@ mod real;
 mod sensor_model;
 mod sets;
 mod space;
+mod space_maps;
 mod space_random;
 mod space_recordings;
 mod yielding;
@@ -44,7 +45,7 @@ use testbed::results::{
     ContourTrialRow, ErrorBandRow, MapObjectRow, MapRow, QuantityRow, RECOMMENDED, Run, SummaryRow, TrialRow, TurnRow,
     csv_bytes, read_rows, read_scores,
 };
-use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::space::run::SpatialRun;
 use testbed::statistics::mean;
 
@@ -160,10 +161,10 @@ pub const SETS: &[ClaimSet] = &[
     ClaimSet { name: "yielding", topics: &[yielding::claims], runs: &[yielding::RUN], spatial_runs: &[], figures: &[] },
     ClaimSet {
         name: "space",
-        topics: &[space::claims, space_recordings::claims, space_random::claims],
+        topics: &[space::claims, space_maps::claims, space_recordings::claims, space_random::claims],
         runs: &[],
         spatial_runs: &[space::RUN, space_random::RUN],
-        figures: &[],
+        figures: &[(space::RUN, "space_maps.svg")],
     },
 ];
 
@@ -239,6 +240,7 @@ struct SpatialEvaluation {
     summary: Vec<SpatialSummaryRow>,
     trials: Vec<SpatialTrialRow>,
     times: Vec<SpatialTimesRow>,
+    maps: Vec<SpatialMapRow>,
 }
 
 impl Context {
@@ -297,6 +299,7 @@ impl SpatialEvaluation {
             summary: SpatialRun::summary(folder)?,
             trials: SpatialRun::trials(folder)?,
             times: SpatialRun::times(folder)?,
+            maps: SpatialRun::maps(folder)?,
         })
     }
 }

@@ -28,7 +28,7 @@ const ARM: &str = "arm";
 
 /// Suite of scenes in space, the estimators whose scores the documentation shows, and the seeds of their measurement noise.
 const SPACE: &str = "spatial";
-const SPACE_ESTIMATORS: &str = "line,cylinder,sphere,line-fit,cylinder-fit,sphere-fit,recommended";
+const SPACE_ESTIMATORS: &str = "line,cylinder,sphere,line-fit,cylinder-fit,sphere-fit,recommended,batch-recommended";
 const SPACE_SEEDS: u32 = 20;
 
 /// Random scenes in space, and the seeds of their measurement noise.
@@ -76,10 +76,11 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     pipeline::simulate(SPACE)?;
     pipeline::fit(SPACE)?;
     evaluations.seeded(SPACE, SPACE_ESTIMATORS, SPACE_SEEDS)?;
+    pipeline::page(SPACE)?;
     kept::keep(SPACE, &["space_run.json", "space_summary.csv", "space_times.csv"])?;
     pipeline::simulate(RANDOM_SPACE)?;
     pipeline::fit(RANDOM_SPACE)?;
-    evaluations.seeded(RANDOM_SPACE, "recommended", RANDOM_SPACE_SEEDS)?;
+    evaluations.seeded(RANDOM_SPACE, "recommended,batch-recommended", RANDOM_SPACE_SEEDS)?;
     if Path::new(CLONE).is_dir() {
         real::measure(evaluations, CLONE)?;
     }
