@@ -9,7 +9,7 @@ use crate::canvas::{Align, Canvas, Picture};
 use crate::style::{CURVE_PX, INK, LABEL, LegendEntry, Look, MARKER_PX, MUTED, legend, plain};
 
 /// Largest number of groups that have a row each.
-const MOST_ROWS: usize = 24;
+pub(super) const MOST_ROWS: usize = 24;
 
 /// Height of the row of one group.
 const GROUP_PX: f64 = 30.0;

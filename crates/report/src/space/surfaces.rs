@@ -9,6 +9,7 @@ use testbed::space::solid::Solid;
 use testbed::space::surface::{SurfaceMesh, Vertex};
 
 use super::Data;
+use super::scores::MOST_ROWS;
 use crate::axes::{Axis, Panel, Rect, equal, extent};
 use crate::canvas::{Canvas, Picture};
 use crate::color::{Rgb, viridis};
@@ -50,11 +51,11 @@ struct View {
     curves: Vec<Vec<(f64, f64)>>,
 }
 
-/// Lays the figure out.
+/// Lays the figure out. `None` also if there are many groups.
 pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     let estimators = data.estimators();
     let shown = estimators.iter().find(|name| **name == RECOMMENDED).or(estimators.first());
-    let Some(estimator) = shown else { return Ok(None) };
+    let Some(estimator) = shown.filter(|_| data.groups().len() <= MOST_ROWS) else { return Ok(None) };
     let mut views = Vec::new();
     for group in data.groups() {
         views.extend(view(data, group, estimator)?);

@@ -267,7 +267,8 @@ impl Context {
 
     /// Names of the runs that claims are measured on.
     pub fn runs(&self) -> impl Iterator<Item = &str> {
-        self.runs.keys().copied().chain(self.recordings.as_ref().map(|_| real::RUN))
+        let in_space = self.spatial_runs.keys().copied();
+        self.runs.keys().copied().chain(in_space).chain(self.recordings.as_ref().map(|_| real::RUN))
     }
 
     /// The run of the standard suite.

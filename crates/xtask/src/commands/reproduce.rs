@@ -76,7 +76,6 @@ pub(crate) fn run(arguments: &[String]) -> Outcome {
     pipeline::simulate(SPACE)?;
     pipeline::fit(SPACE)?;
     evaluations.seeded(SPACE, SPACE_ESTIMATORS, SPACE_SEEDS)?;
-    pipeline::page(SPACE)?;
     kept::keep(SPACE, &["space_run.json", "space_summary.csv", "space_times.csv"])?;
     pipeline::simulate(RANDOM_SPACE)?;
     pipeline::fit(RANDOM_SPACE)?;
