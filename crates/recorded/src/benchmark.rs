@@ -1,4 +1,4 @@
-//! Benchmark on recordings in space: sensor models on left-out lines, left-out lines and trials as pins, sweeps over objects.
+//! Benchmark on recordings in space: sensor models on held-out lines, held-out lines and trials as pins, sweeps over objects.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -30,7 +30,7 @@ const SINGULAR: &str = "singular covariance of held-out lines";
 /// Least share of the contacts of a sweep that lie on a face whose distances are stated.
 const FACE_SHARE: f64 = 0.1;
 
-/// Error of a sensor model on left-out lines.
+/// Error of a sensor model on held-out lines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MapScore {
     /// Name of the calibration.
@@ -43,7 +43,7 @@ pub struct MapScore {
     pub outliers: usize,
     /// Largest reading of a channel (counts).
     pub largest_counts: f64,
-    /// Root mean square error of a channel on left-out lines, whose neighbours are left out too, over the largest reading.
+    /// Root mean square error of a channel on held-out lines, whose neighbours are left out too, over the largest reading.
     pub heldout_rms: f64,
     /// Largest such error.
     pub heldout_worst: f64,
@@ -293,7 +293,7 @@ fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrate
             let theirs = published.without(held).context(SINGULAR)?;
             // The sensor did not move between a line and the others.
             let settings = Settings { place_sd_m: 0.0, ..Settings::default() };
-            let (group, name) = (format!("left-out lines, {}", calibrated.name), format!("line {index}"));
+            let (group, name) = (format!("held-out lines, {}", calibrated.name), format!("line {index}"));
             let methods = [(FIXED, Method::Fixed(&ours, settings)), (PAPER, Method::Paper(&theirs, index as u64))];
             let scored = methods.into_iter().map(|(method, how)| score(&group, &name, method, &replay(how, &touch)));
             Ok(scored.flatten().collect())

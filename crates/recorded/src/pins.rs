@@ -1,4 +1,4 @@
-//! Pins: left-out lines of a calibration, and trials of other days with the mounting learnt at a known place.
+//! Pins: held-out lines of a calibration, and trials of other days with the mounting learnt at a known place.
 
 use filters::quantile::CHI2_3_95;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, SVector, Vector2, Vector3};

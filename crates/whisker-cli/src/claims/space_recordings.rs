@@ -20,7 +20,7 @@ const FACES: &str = "space_faces.csv";
 /// Name of the sensor model.
 const MODEL: &str = "gaussian-process";
 
-/// Calibrations, and the bound on the error of the sensor model on left-out lines (%).
+/// Calibrations, and the bound on the error of the sensor model on held-out lines (%).
 const REAL_MAPS: [(&str, &str, f64); 3] = [
     ("sensor_1", "sensor1_tip_calib_May_04", 0.8),
     ("curved_first", "curved_calib_May_22", 1.4),
@@ -37,7 +37,7 @@ struct Pins {
     error: Error,
     /// Its bound (mm).
     bound_mm: f64,
-    /// Whether the pins are left-out lines of a calibration.
+    /// Whether the pins are held-out lines of a calibration.
     are_lines: bool,
 }
 
@@ -52,28 +52,28 @@ enum Error {
 const REAL_PINS: &[Pins] = &[
     Pins {
         id: "curved_first",
-        group: "left-out lines, curved_calib_May_22",
+        group: "held-out lines, curved_calib_May_22",
         error: Error::Median,
         bound_mm: 0.3,
         are_lines: true,
     },
     Pins {
         id: "curved_second",
-        group: "left-out lines, curved_calib_May_22_try2",
+        group: "held-out lines, curved_calib_May_22_try2",
         error: Error::Median,
         bound_mm: 0.3,
         are_lines: true,
     },
     Pins {
         id: "sensor_1",
-        group: "left-out lines, sensor1_tip_calib_May_04",
+        group: "held-out lines, sensor1_tip_calib_May_04",
         error: Error::Mean,
         bound_mm: 0.15,
         are_lines: true,
     },
     Pins {
         id: "straight",
-        group: "left-out lines, straight_calib_May_20",
+        group: "held-out lines, straight_calib_May_20",
         error: Error::Mean,
         bound_mm: 0.15,
         are_lines: true,
@@ -94,7 +94,7 @@ const REAL_PINS: &[Pins] = &[
     },
 ];
 
-/// Largest error of a reading on left-out lines (mm).
+/// Largest error of a reading on held-out lines (mm).
 const WORST_MM: f64 = 1.5;
 
 /// Factor by which the errors of the published filter exceed those of the batch.
@@ -208,7 +208,7 @@ fn rows<Row: DeserializeOwned>(context: &Context, table: &str) -> anyhow::Result
 fn map((id, calibration, bound): (&'static str, &'static str, f64)) -> Claim {
     Claim::at_most(
         format!("real_space_maps_{id}"),
-        format!("real sensor model in space, {calibration}, {MODEL}: RMSE on left-out lines, of the largest reading"),
+        format!("real sensor model in space, {calibration}, {MODEL}: RMSE on held-out lines, of the largest reading"),
         bound,
         "%",
         move |context| {

@@ -12,8 +12,8 @@ use super::{FINISHED_WITH_FAILURES, print, table};
 
 /// Evaluate sensor models and estimators in space on recordings of HaoLiRobo/WhiskerSensing
 ///
-/// Sensor models are fitted to the labelled contacts of the calibrations and compared on left-out lines. Contacts are estimated
-/// on left-out lines and trials with pins, and on sweeps over objects with published meshes (docs/REAL.md).
+/// Sensor models are fitted to the labelled contacts of the calibrations and compared on held-out lines. Contacts are estimated
+/// on held-out lines and trials with pins, and on sweeps over objects with published meshes (docs/REAL.md).
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Clone of the repository
