@@ -35,6 +35,7 @@ CONTACTS, TRAINING_CONTACTS = SCENES / "suites/random_contacts.json", SCENES / "
 IN_SPACE = SCENES / "suites/random_space.json"
 TRAINING_IN_SPACE = SCENES / "suites/random_space_training.json"
 MORE_TRAINING_IN_SPACE = SCENES / "suites/random_space_training_more.json"
+LARGE_TRAINING_IN_SPACE = SCENES / "suites/random_space_training_large.json"
 
 
 def sets_of(path: Path, redrawn: Redrawn | None = None) -> list[Run]:
@@ -65,7 +66,9 @@ def test_verif_settings_and_reports_use_disjoint_scenes(for_settings, for_report
         assert set(contents(sets_of(for_settings, Redrawn(seed, 20)))).isdisjoint(held_out)
 
 
-@pytest.mark.parametrize(("for_settings", "least"), [(TRAINING_IN_SPACE, 25), (MORE_TRAINING_IN_SPACE, 20)])
+@pytest.mark.parametrize(
+    ("for_settings", "least"), [(TRAINING_IN_SPACE, 25), (MORE_TRAINING_IN_SPACE, 20), (LARGE_TRAINING_IN_SPACE, 100)]
+)
 def test_verif_settings_and_reports_use_disjoint_scenes_in_space(for_settings, least):
     """No valid scene in space of a suite for settings occurs in the suite for reports, with the same seed or another."""
     training, held_out = contents_in_space(sets_of(for_settings)), contents_in_space(sets_of(IN_SPACE))

@@ -45,6 +45,13 @@ impl Expected {
     pub(super) fn covariance_n2_m2(&self) -> Matrix2<f64> {
         self.model_n2_m2 + self.beyond_n_m * self.beyond_n_m.transpose()
     }
+
+    /// Half the logarithm of the determinant of a covariance of the readings, relative to that without the error of the
+    /// extrapolation, which it includes. A contact beyond the calibrated domain explains more readings, and each of them less well.
+    pub(super) fn log_spread(&self, covariance_n2_m2: &Matrix2<f64>) -> f64 {
+        let within_n2_m2 = covariance_n2_m2 - self.beyond_n_m * self.beyond_n_m.transpose();
+        0.5 * (covariance_n2_m2.determinant() / within_n2_m2.determinant()).ln()
+    }
 }
 
 /// The whisker in contact.
@@ -77,6 +84,12 @@ impl Side {
     /// Length of the whisker.
     pub(super) fn length_m(&self) -> f64 {
         self.axis().rest().length_m()
+    }
+
+    /// Standard deviation of the place along the whisker of a contact anywhere in the calibrated part.
+    pub(super) fn along_sd_m(&self) -> f64 {
+        let (low_m, high_m) = self.calibrated.domain.arc_range_m();
+        (high_m - low_m) / 12_f64.sqrt()
     }
 
     /// Share of the error of the sensor model that counts as new after a motion of the base. The path of the contact is

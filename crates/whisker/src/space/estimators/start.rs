@@ -16,7 +16,8 @@ const NEARBY_M: f64 = 3e-3;
 /// of equal ratio, since the readings are nearly powers of the arc length; the standard deviation along the whisker is half an
 /// interval, the weight its length. The displacement follows from the two readings, with their
 /// uncertainty, so no position along the whisker is favoured before it is known how the readings grow. A whisker that has slipped
-/// off an object bears on it again nearby, at an arc length about `near_m`, or anywhere, with equal probability.
+/// off an object bears on it again nearby, at an arc length about `near_m`, or anywhere, with equal probability. Where the slip was
+/// noticed late, `near_m` may have left the calibrated part, which contains the other positions.
 pub(super) fn beliefs(
     side: &Side,
     count: usize,
@@ -30,7 +31,10 @@ pub(super) fn beliefs(
         let belief = pushed(side, 0.5 * (from_m + to_m), 0.5 * (to_m - from_m), reading_n_m)?;
         Some((belief, to_m - from_m))
     });
-    let nearby = near_m.and_then(|near_m| Some((pushed(side, near_m, NEARBY_M, reading_n_m)?, high_m - first_m)));
+    let nearby = near_m.and_then(|near_m| {
+        let near_m = near_m.clamp(first_m, high_m);
+        Some((pushed(side, near_m, NEARBY_M, reading_n_m)?, high_m - first_m))
+    });
     anywhere.chain(nearby).collect()
 }
 

@@ -211,14 +211,13 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let probable = places.iter().filter(|(_, weight)| *weight >= PLACE_SHARE * most).take(PLACES);
         let beliefs =
             probable.flat_map(|(place, weight)| self.model.parts(place).into_iter().map(|part| (part, *weight)));
-        let (low_m, high_m) = self.side.calibrated.domain.arc_range_m();
         let mode = |(belief, weight): (Gaussian<N>, f64)| {
             let (x, mut covariance) = (belief.mean, belief.covariance);
             covariance.row_mut(TILT).fill(0.0);
             covariance.column_mut(TILT).fill(0.0);
             let (mut mean, mut sd) = self.model.prior(&x);
             mean.fixed_rows_mut::<3>(0).copy_from(&x.fixed_rows::<3>(0));
-            (sd[0], sd[1], sd[2], sd[TILT]) = ((high_m - low_m) / 12_f64.sqrt(), AWAY_SD_M, AWAY_SD_M, 1.0);
+            (sd[0], sd[1], sd[2], sd[TILT]) = (self.side.along_sd_m(), AWAY_SD_M, AWAY_SD_M, 1.0);
             Some(Mode {
                 reference: self.base,
                 prior: Prior { mean, sd },

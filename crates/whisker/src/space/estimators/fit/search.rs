@@ -47,6 +47,9 @@ pub(super) struct Prior<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
+    /// Half the logarithm of the determinants of the covariances of the means, relative to those without the error of the
+    /// extrapolation beyond the calibrated domain.
+    log_spread: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
     /// Covariance of the gradient due to errors that are independent from reading to reading. If the links account for correlated
@@ -64,6 +67,7 @@ impl<const N: usize> Quadratic<N> {
     fn of_prior(prior: &Prior<N>, x: &SVector<f64, N>) -> Self {
         let mut found = Self {
             cost: 0.0,
+            log_spread: 0.0,
             gradient: SVector::zeros(),
             curvature: SMatrix::zeros(),
             scatter: SMatrix::zeros(),
@@ -98,7 +102,7 @@ impl<const N: usize> Quadratic<N> {
     pub(super) fn log_evidence(&self, prior: &Prior<N>) -> Option<f64> {
         let volume: f64 = (0..N).filter(|i| *i != TILT).map(|i| prior.sd[i].ln()).sum();
         let determinant: f64 = self.curvature.cholesky()?.l().diagonal().iter().map(|entry| entry.ln()).sum();
-        Some(-self.cost - determinant - volume)
+        Some(-self.cost - self.log_spread - determinant - volume)
     }
 
     /// Damped step, and the expected decrease of the cost. `None` unless the curvature is positive definite.
@@ -158,6 +162,7 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let mut independent = noise_n2_m2 + Matrix2::identity() * inertia_n2_m2 + by_tilt * by_tilt.transpose();
         let covariance = expected.covariance_n2_m2() + independent;
         let Some(mut factor) = covariance.cholesky() else { return false };
+        quadratic.log_spread += expected.log_spread(&covariance);
         let mut residual = expected.reading_n_m - mean.reading_n_m;
         let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_dynamics];
