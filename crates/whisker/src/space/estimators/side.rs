@@ -240,3 +240,25 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         Some((reading_n_m, jacobian))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_spread_is_that_of_the_error_of_the_extrapolation() {
+        let expected = |beyond_n_m| Expected {
+            reading_n_m: Vector2::zeros(),
+            slopes: Matrix2x3::zeros(),
+            model_n2_m2: Matrix2::identity(),
+            beyond_n_m,
+        };
+        let of = |beyond_n_m| {
+            let expected = expected(beyond_n_m);
+            expected.log_spread(&expected.covariance_n2_m2())
+        };
+        assert_eq!(of(Vector2::zeros()), 0.0, "none in the calibrated domain");
+        // By the matrix determinant lemma.
+        assert!((of(Vector2::new(3.0, -4.0)) - 0.5 * 26_f64.ln()).abs() < 1e-12);
+    }
+}

@@ -196,7 +196,7 @@ mod tests {
             (1.0, 3.0, 3.0),
             (2.0, 1.0, 64.0),
             (2.0, 4.0, 128.0),
-            (4.0, 2.0, 100.0),
+            (4.0, 2.0, 200.0),
             (256.0, 1.0, 256.0),
         ] {
             assert_eq!(excess * further_factor(excess, recent_nis), factor);

@@ -350,6 +350,7 @@ mod tests {
             curvature[(TILT, TILT)] = 1.0;
             let quadratic = Quadratic::<5> {
                 cost: 0.0,
+                log_spread: 0.0,
                 gradient: SVector::zeros(),
                 curvature,
                 scatter: on_diagonal(weight * n * weight),
