@@ -43,7 +43,7 @@ pub struct MapScore {
     pub outliers: usize,
     /// Largest reading of a channel (counts).
     pub largest_counts: f64,
-    /// Root mean square error of a channel on held-out lines, whose neighbours are left out too, over the largest reading.
+    /// Root mean square error of a channel on held-out lines, each held out together with its neighbours, over the largest reading.
     pub heldout_rms: f64,
     /// Largest such error.
     pub heldout_worst: f64,

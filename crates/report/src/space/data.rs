@@ -75,7 +75,7 @@ impl Data {
     /// When the file is missing or damaged.
     pub(crate) fn surface(&self, swept: &SweptSolid<'_>, estimator: &str) -> Result<SurfaceMesh> {
         let path = MAP_SURFACE.path_of(&self.folder, &[&swept.traces(), estimator]);
-        SurfaceMesh::read_ply(&path).context("maps; evaluate again")
+        SurfaceMesh::read_ply(&path).context("the surface of a solid; evaluate again")
     }
 
     /// Estimates of one estimator on one trace with the first seed.

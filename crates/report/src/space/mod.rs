@@ -32,9 +32,9 @@ pub(crate) const FIGURES: &[Figure<Data>] = &[
     Figure {
         name: "space_maps",
         title: "Estimated surfaces",
-        caption: "Largest surface in each group, estimated from all sweeps over the solid with the first seed. Its colour is the \
-                  distance from the true solid (grey curves); it is seen along its mean normal, and extends as far as its standard \
-                  deviation is at most 1 mm. Solids that are meshes are left out.",
+        caption: "In each group, the surface of the largest area, estimated from all sweeps over the solid with the first seed and \
+                  viewed along the mean normal. Colour: distance from the true solid. Grey: the true solid. The mesh covers the part \
+                  where the standard deviation along the normal is at most 1 mm. Solids given as meshes are not shown.",
         draw: surfaces::draw,
     },
     Figure {

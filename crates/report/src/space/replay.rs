@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use testbed::results::RECOMMENDED;
 use testbed::space::SpatialEstimateRow;
+use testbed::space::run::SweptSolid;
 use testbed::space::solid::Solid;
 use testbed::space::surface::SurfaceMesh;
 use testbed::space::wire::SpatialWire;
@@ -79,10 +80,10 @@ struct Patch {
 /// # Errors
 /// When a file of the run is damaged.
 pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
-    let mut trials = Vec::new();
+    let (solids, mut trials) = (data.run.solids(), Vec::new());
     for whisker in data.whiskers() {
         for group in data.groups() {
-            trials.extend(trial(data, group, whisker)?);
+            trials.extend(trial(data, &solids, group, whisker)?);
         }
     }
     if trials.is_empty() {
@@ -95,15 +96,16 @@ pub(super) fn section(data: &Data) -> Result<Option<Markup>> {
             "Drag a view to turn both. "
             span.key.truth {} " true contact, "
             span.key.estimate {} " estimated contact with its 95 % ellipsoid, "
-            span.key.found {} " estimated contacts so far. Coloured: the surface estimated from all sweeps over the solid, by its "
-            "distance from the true solid, " span.scale style=(scale()) {} " from 1 µm to 1 mm (logarithmic). "
+            span.key.found {} " estimated contacts so far. Surface: estimated from all sweeps over the solid. Its colour is the distance "
+            "from the true solid, " span.scale style=(scale()) {} " from 1 µm to 1 mm (logarithmic), or light blue if the true solid is "
+            "a mesh or unknown. "
             "Below: contact error; in grey that of the other estimators of the list."
         }
         (player(&trials, "Whisker and solid", include_str!("replay_space.js"))?)
     }))
 }
 
-fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
+fn trial(data: &Data, solids: &[SweptSolid<'_>], group: &str, whisker: &str) -> Result<Option<Trial>> {
     let mut scores: Vec<_> =
         data.scores(group, whisker).filter_map(|row| Some((row.rmse_m?, row.estimator.as_str()))).collect();
     let rank = |(rmse_m, name): &(f64, &str)| (*name != RECOMMENDED, *rmse_m);
@@ -117,8 +119,8 @@ fn trial(data: &Data, group: &str, whisker: &str) -> Result<Option<Trial>> {
         replayed.push((estimator, rows.into_iter().step_by(every).collect::<Vec<_>>()));
     }
     let Some((_, rows)) = replayed.first() else { return Ok(None) };
-    let solids = data.run.solids();
-    let swept = solids.iter().find(|swept| swept.trials.contains(&trial)).context("a trial without a solid")?;
+    let is_of = |swept: &&SweptSolid<'_>| swept.trials.iter().any(|other| other.trace == trial.trace);
+    let swept = solids.iter().find(is_of).context("a trial without a solid")?;
     let solid = Solid::of_scene(swept.solid);
     let mut runs = Vec::new();
     for (name, rows) in &replayed {

@@ -216,7 +216,8 @@ fn distributions(
         }
         Ok(())
     };
-    Picture::new(1200, DISTRIBUTION_PX, paint).noted(format!("Distributions over {groups} groups."))
+    Picture::new(1200, DISTRIBUTION_PX, paint)
+        .noted(format!("Distributions over up to {groups} groups: those with the score."))
 }
 
 /// The steps of the cumulative distribution of the values of some groups (%).
@@ -225,4 +226,18 @@ fn steps(of_groups: &[(usize, f64)]) -> Vec<(f64, f64)> {
     values.sort_by(f64::total_cmp);
     let percent = |rank: usize| 100.0 * rank as f64 / values.len() as f64;
     values.iter().enumerate().flat_map(|(rank, value)| [(*value, percent(rank)), (*value, percent(rank + 1))]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_distribution_has_a_step_at_each_value() {
+        let of_groups = [(0, 3.0), (1, 1.0), (2, 2.0), (3, 2.0)];
+        let expected =
+            [(1.0, 0.0), (1.0, 25.0), (2.0, 25.0), (2.0, 50.0), (2.0, 50.0), (2.0, 75.0), (3.0, 75.0), (3.0, 100.0)];
+        assert_eq!(steps(&of_groups), expected);
+        assert!(steps(&[]).is_empty());
+    }
 }

@@ -1,10 +1,9 @@
 //! Estimated surfaces of the touched solids, coloured by their distance from the true solid.
 
-use std::cmp::Ordering;
-
 use anyhow::Result;
 use nalgebra::Vector3;
 use testbed::results::RECOMMENDED;
+use testbed::space::run::SweptSolid;
 use testbed::space::solid::Solid;
 use testbed::space::surface::{SurfaceMesh, Vertex};
 
@@ -57,8 +56,9 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
     let shown = estimators.iter().find(|name| **name == RECOMMENDED).or(estimators.first());
     let Some(estimator) = shown.filter(|_| data.groups().len() <= MOST_ROWS) else { return Ok(None) };
     let mut views = Vec::new();
+    let solids = data.run.solids();
     for group in data.groups() {
-        views.extend(view(data, group, estimator)?);
+        views.extend(view(data, &solids, group, estimator)?);
     }
     if views.is_empty() {
         return Ok(None);
@@ -80,12 +80,12 @@ pub(crate) fn draw(data: &Data) -> Result<Option<Picture>> {
 }
 
 /// The largest surface of the solids of a group. `None` if no solid is known or none has a surface.
-fn view(data: &Data, group: &str, estimator: &str) -> Result<Option<View>> {
+fn view(data: &Data, solids: &[SweptSolid<'_>], group: &str, estimator: &str) -> Result<Option<View>> {
     let mut largest: Option<(f64, SurfaceMesh, Solid)> = None;
-    for swept in data.run.solids() {
+    for swept in solids {
         let is_of_group = swept.trials.iter().any(|trial| trial.group == group);
         let Some(solid) = Solid::of_scene(swept.solid).filter(|_| is_of_group) else { continue };
-        for mesh in objects(&data.surface(&swept, estimator)?) {
+        for mesh in objects(&data.surface(swept, estimator)?) {
             let area_m2 = mesh.area_m2();
             if area_m2 > largest.as_ref().map_or(0.0, |(largest_m2, ..)| *largest_m2) {
                 largest = Some((area_m2, mesh, solid.clone()));
@@ -101,7 +101,7 @@ fn objects(mesh: &SurfaceMesh) -> Vec<SurfaceMesh> {
     let of_object = |vertices: &[Vertex]| {
         let range = before..before + vertices.len() as u32;
         before = range.end;
-        let is_part = |corners: &&[u32; 3]| corners.iter().all(|corner| range.contains(corner));
+        let is_part = |[first, ..]: &&[u32; 3]| range.contains(first);
         let own = |corners: &[u32; 3]| corners.map(|corner| corner - range.start);
         SurfaceMesh { vertices: vertices.into(), triangles: mesh.triangles.iter().filter(is_part).map(own).collect() }
     };
@@ -132,7 +132,7 @@ impl View {
                 (depth(corners), places, viridis(share(distance_m)))
             })
             .collect();
-        triangles.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(Ordering::Equal));
+        triangles.sort_by(|a, b| a.0.total_cmp(&b.0));
         Self {
             title,
             triangles: triangles.into_iter().map(|(_, places, colour)| (places, colour)).collect(),
@@ -172,4 +172,36 @@ fn paint_bar(canvas: &Canvas, frame: Rect) -> Result<()> {
         panel.area(corners, viridis((step as f64 + 0.5) / BAR_STEPS as f64))?;
     }
     panel.line([(0.0, least_mm), (1.0, least_mm), (1.0, most_mm), (0.0, most_mm), (0.0, least_mm)], INK, HAIRLINE_PX)
+}
+
+#[cfg(test)]
+mod tests {
+    use testbed::space::surface::Vertex;
+    use whisker::space::frames::Point;
+    use whisker::space::surface::ProjectedPoint;
+
+    use super::*;
+
+    #[test]
+    fn verif_the_surface_of_each_object_is_alone() {
+        let vertex = |x_m: f64, object: usize| Vertex {
+            on: ProjectedPoint { at: Point::new(x_m, 0.0, 0.0), normal: Vector3::y(), sd_m: 1e-5 },
+            object,
+        };
+        let vertices =
+            [(0.0, 0), (1.0, 0), (2.0, 0), (3.0, 1), (4.0, 1), (5.0, 1)].map(|(x_m, object)| vertex(x_m, object));
+        let mesh = SurfaceMesh { vertices: vertices.into(), triangles: vec![[0, 1, 2], [3, 5, 4]] };
+        let alone = objects(&mesh);
+        assert_eq!(
+            alone.iter().map(|mesh| mesh.triangles.clone()).collect::<Vec<_>>(),
+            [vec![[0, 1, 2]], vec![[0, 2, 1]]]
+        );
+        assert_eq!(alone[1].vertices, vertices[3..]);
+    }
+
+    #[test]
+    fn verif_the_colour_scale_is_logarithmic_and_ends_at_its_limits() {
+        assert_eq!([0.0, 1e-6, 1e-3, 1.0].map(share), [0.0, 0.0, 1.0, 1.0]);
+        assert!((share(10e-6) - 1.0 / 3.0).abs() < 1e-12);
+    }
 }

@@ -17,7 +17,7 @@ const DIAGNOSE_EVERY: Duration = Duration::from_secs(1);
 /// Number of intervals after which a drawing that is not renewed disappears.
 const LIFETIME: f64 = 5.0;
 
-/// Topics on which objects and maps are published. Without a listener to any of them no map is computed.
+/// Topics on which maps, and the objects of a map, are published. Without a subscriber to any of them no map is computed.
 const OF_MAPS: [&str; 5] = [topics::MAP, topics::MAP_POINTS, topics::MAP_VOXELS, topics::MARKERS, topics::SCENE];
 
 /// Repetition at an interval.
@@ -56,8 +56,8 @@ impl Session {
             if draws.is_due() {
                 self.draw(&objects, LIFETIME * draw_every_s)?;
             }
-            if maps.is_due()
-                && self.is_heard(&OF_MAPS)
+            if self.is_heard(&OF_MAPS)
+                && maps.is_due()
                 && let Some((time_ns, observed)) = self.observed()
             {
                 let map = mapper.map(observed, time_ns);

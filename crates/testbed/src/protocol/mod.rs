@@ -1,8 +1,7 @@
-//! Messages between an evaluation and an external program: JSON lines, specified in `docs/your-estimator.md`. `whisker live` has
-//! the role of the program (`docs/LIVE.md`).
+//! Answers of external programs to an evaluation, and of live streams: JSON lines, specified in `docs/your-estimator.md` and
+//! `docs/LIVE.md`. Those in space are in [`space`].
 //!
-//! This module defines the answers, and the parts of the first line that a live stream reads too. Answers in space are in
-//! [`space`].
+//! The module also defines the parts of the first line that both an evaluation and a live stream use.
 
 pub mod space;
 
@@ -328,7 +327,7 @@ pub struct StatedEstimate {
 
 /// A stated value that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{expected} as {of}")]
+#[error("{expected} ({of})")]
 pub struct BadValue {
     /// Name of the quantity.
     pub of: &'static str,
@@ -368,7 +367,8 @@ impl StatedEstimate {
 
 /// Checks the coordinates of a contact (m).
 fn check_contact(coordinates_m: &[f64]) -> Result<(), BadValue> {
-    let is_near = coordinates_m.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M);
+    let is_near =
+        coordinates_m.iter().map(|coordinate_m| coordinate_m * coordinate_m).sum::<f64>().sqrt() <= FARTHEST_M;
     is_near
         .then_some(())
         .ok_or_else(|| BadValue::new("contact", format!("a point within {FARTHEST_M} m of the base, in Base")))
@@ -380,7 +380,13 @@ fn checked_covariance<const N: usize>(stated_m2: SMatrix<f64, N, N>) -> Result<S
     let is_symmetric = (stated_m2 - symmetric_m2).amax() <= SYMMETRIC * stated_m2.diagonal().amax();
     let is_small = stated_m2.amax() <= FARTHEST_M * FARTHEST_M;
     let is_usable = is_symmetric && is_small && symmetric_m2.cholesky().is_some();
-    is_usable
-        .then_some(symmetric_m2)
-        .ok_or_else(|| BadValue::new("covariance_m2", format!("a positive definite matrix, {N} x {N}, in Base (m2)")))
+    is_usable.then_some(symmetric_m2).ok_or_else(|| {
+        BadValue::new(
+            "covariance_m2",
+            format!(
+                "a positive definite matrix, {N} x {N}, in Base (m2), with entries of at most {:e}",
+                FARTHEST_M * FARTHEST_M
+            ),
+        )
+    })
 }

@@ -195,9 +195,10 @@ mod tests {
     fn verif_estimates_of_a_cell_are_merged_and_keep_the_smallest_covariance() {
         let at = [0.06002, -0.00498, 0.00102];
         let beside = [0.06012, -0.00498, 0.00102];
-        let found = map(&[row(Some(at), 1e-4), row(Some(beside), 2e-4), row(Some(beside), 2e-3)]);
+        let in_doubt = SpatialEstimateRow { model_doubtful: Some(true), ..row(Some(beside), 1e-4) };
+        let found = map(&[row(Some(at), 1e-4), row(Some(beside), 2e-4), row(Some(beside), 2e-3), in_doubt]);
         let [point] = found.points[..] else { panic!("{:?}", found.points) };
-        assert_eq!((point.estimates, found.left_out, found.objects()), (2, 1, 1));
+        assert_eq!((point.estimates, found.left_out, found.objects()), (2, 2, 1));
         assert!((point.at.x - (4.0 * at[0] + beside[0]) / 5.0).abs() < 1e-12);
         assert!((point.sd_m() - 1e-4).abs() < 1e-12, "not smaller than that of the best estimate");
     }

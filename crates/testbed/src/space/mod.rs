@@ -1,4 +1,4 @@
-//! Replay and scores of traces in space.
+//! Replay, scores, maps and surfaces of traces in space, and the files of a run.
 
 pub mod bound;
 mod estimates;

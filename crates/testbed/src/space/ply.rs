@@ -90,19 +90,15 @@ impl SurfaceMesh {
             let (at, normal) = (Point::from_vector(Vector3::new(x, y, z)), Vector3::new(nx, ny, nz));
             Vertex { on: ProjectedPoint { at, normal, sd_m }, object: object as usize }
         };
-        let corners = |[_, a, b, c]: [f64; 4]| [a, b, c].map(|corner| corner as u32);
         let mesh = Self {
             vertices: (0..vertices).map(|_| lines.numbers().map(vertex)).collect::<Result<_, _>>()?,
-            triangles: (0..triangles).map(|_| lines.numbers().map(corners)).collect::<Result<_, _>>()?,
+            triangles: (0..triangles).map(|_| lines.corners(vertices)).collect::<Result<_, _>>()?,
         };
         if let Some(surplus) = lines.lines.next() {
             lines.number += 1;
             return Err(lines.error(surplus, "the end of the file"));
         }
-        match mesh.triangles.iter().flatten().find(|corner| **corner as usize >= vertices) {
-            Some(corner) => Err(files::Error::value(path, "vertex_indices", corner, format!("less than {vertices}"))),
-            None => Ok(mesh),
-        }
+        Ok(mesh)
     }
 }
 
@@ -134,6 +130,18 @@ impl<'a> Lines<'a> {
         let numbers = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
         let numbers: Option<[f64; N]> = numbers.and_then(|numbers| numbers.try_into().ok());
         numbers.ok_or_else(|| self.error(line, &format!("{N} numbers")))
+    }
+
+    /// The indices of the corners of a triangle in the next line, less than `vertices`.
+    fn corners(&mut self, vertices: usize) -> Result<[u32; 3], files::Error> {
+        let line = self.next();
+        let numbers: Option<Vec<u32>> = line.split(' ').map(|word| word.parse().ok()).collect();
+        let corners = numbers.and_then(|numbers| match numbers[..] {
+            [3, a, b, c] => Some([a, b, c]),
+            _ => None,
+        });
+        let corners = corners.filter(|corners| corners.iter().all(|corner| (*corner as usize) < vertices));
+        corners.ok_or_else(|| self.error(line, &format!("3 and three whole numbers below {vertices}")))
     }
 
     /// The next line; empty after the last one.
@@ -227,7 +235,14 @@ mod tests {
         let one = short + "0 0 0 0 1 0 68 1 84 nan 0\n";
         assert!(refused(&one).ends_with("84 nan 0`, expected 11 numbers"), "{}", refused(&one));
         let beyond = one.replace("nan", "1e-5").replace("element face 0", "element face 1") + "3 0 0 1\n";
-        assert!(refused(&beyond).ends_with("vertex_indices: found 1, expected less than 1"), "{}", refused(&beyond));
-        assert!(refused(&(beyond + "0\n")).ends_with("row: found `0`, expected the end of the file"));
+        for face in ["3 0 0 1", "4 0 0 0", "3 0 0 -1", "3 0 0 0.5"] {
+            let message = refused(&beyond.replace("3 0 0 1", face));
+            assert!(
+                message.ends_with(&format!("found `{face}`, expected 3 and three whole numbers below 1")),
+                "{message}"
+            );
+        }
+        let surplus = beyond.replace("3 0 0 1", "3 0 0 0") + "0\n";
+        assert!(refused(&surplus).ends_with("row: found `0`, expected the end of the file"));
     }
 }

@@ -19,9 +19,6 @@ const GRID_M: f64 = 0.5e-3;
 const MOST_NODES: usize = 1 << 20;
 const REACH: f64 = 8.0;
 
-/// Two-sided 95 % quantile of the standard normal distribution.
-const WITHIN_SDS: f64 = 1.959964;
-
 /// A vertex of a mesh, in World.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
@@ -74,7 +71,7 @@ impl SurfaceMesh {
     pub fn score(&self, solid: &Solid) -> SurfaceScore {
         let certain = self.vertices.iter().map(|vertex| vertex.on).filter(|on| on.sd_m <= CERTAIN_SD_M);
         let away: Vec<(f64, f64)> = certain.map(|on| (solid.distance_m(on.at.vector()), on.sd_m)).collect();
-        let is_within = |(distance_m, sd_m): &(f64, f64)| f64::from(*distance_m <= WITHIN_SDS * sd_m);
+        let is_within = |(distance_m, sd_m): &(f64, f64)| f64::from(*distance_m <= statistics::NORMAL_95 * sd_m);
         SurfaceScore {
             mean_m: statistics::mean(away.iter().map(|(distance_m, _)| *distance_m)),
             coverage: statistics::mean(away.iter().map(is_within)),

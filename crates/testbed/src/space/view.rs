@@ -108,7 +108,7 @@ impl SpatialObserver {
         let length_m = whisker.whisker.length_m;
         let count = (2.0 * length_m / VOXEL_M).ceil() as usize + 1;
         let stiffness_n_m_rad = whisker.suspension.yaw_n_m_rad.min(whisker.suspension.pitch_n_m_rad);
-        // The root turns by so much that the tip moves by a voxel.
+        // The root turns so far that the tip of a rigid whisker would move by the edge of a voxel.
         let free_n_m = stiffness_n_m_rad * VOXEL_M / length_m;
         Ok(Self { wire: SpatialWire::new(whisker)?, count, free_n_m, touches: 0, is_touching: false, last: None })
     }
@@ -218,7 +218,7 @@ impl Merged {
 }
 
 /// Point of the surface, normal and covariance of an estimate that enters a map: one within the calibrated domain, and certain
-/// enough, of which the models are not in doubt.
+/// enough, without `model_doubtful`.
 fn surface_of(row: &SpatialEstimateRow) -> Option<(Vector3<f64>, Vector3<f64>, Matrix3<f64>)> {
     let (at, normal, covariance_m2) = (row.surface_m()?, row.normal()?, row.covariance_m2()?);
     let is_trusted = row.calibrated == Some(true) && row.model_doubtful != Some(true);

@@ -265,12 +265,6 @@ impl Context {
         Ok(Self { runs, spatial_runs, recordings, dataset, results: results.into() })
     }
 
-    /// Names of the runs that claims are measured on.
-    pub fn runs(&self) -> impl Iterator<Item = &str> {
-        let in_space = self.spatial_runs.keys().copied();
-        self.runs.keys().copied().chain(in_space).chain(self.recordings.as_ref().map(|_| real::RUN))
-    }
-
     /// The run of the standard suite.
     fn standard(&self) -> &Evaluation {
         self.run(STANDARD)

@@ -1,5 +1,6 @@
 //! `whisker reproduce`: measures every claim of the documentation.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -42,10 +43,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let progress = Progress::of("measuring");
     let claims = measure(arguments.set, &context, &table, &progress)?;
     drop(progress);
-    if !arguments.set.figures.is_empty() {
-        for run in context.runs() {
-            report(&arguments.results.join(run), &Progress::of("drawing"))?;
-        }
+    let drawn: BTreeSet<&str> = arguments.set.figures.iter().map(|(run, _)| *run).collect();
+    for run in drawn {
+        report(&arguments.results.join(run), &Progress::of("drawing"))?;
     }
     for (run, name) in arguments.set.figures {
         let figure = arguments.results.join(run).join("figures").join(name);

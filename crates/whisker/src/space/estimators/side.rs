@@ -46,11 +46,13 @@ impl Expected {
         self.model_n2_m2 + self.beyond_n_m * self.beyond_n_m.transpose()
     }
 
-    /// Half the logarithm of the determinant of a covariance of the readings, relative to that without the error of the
-    /// extrapolation, which it includes. A contact beyond the calibrated domain explains more readings, and each of them less well.
-    pub(super) fn log_spread(&self, covariance_n2_m2: &Matrix2<f64>) -> f64 {
-        let within_n2_m2 = covariance_n2_m2 - self.beyond_n_m * self.beyond_n_m.transpose();
-        0.5 * (covariance_n2_m2.determinant() / within_n2_m2.determinant()).ln()
+    /// Half the logarithm of the ratio `det S / det S0`, where `S0` is a covariance of the readings without the error of the
+    /// extrapolation, and `S` the same with it: beyond the calibrated domain, the predictive density is wider and lower. `None` if
+    /// `S0` is singular.
+    pub(super) fn log_spread(&self, without_n2_m2: &Matrix2<f64>) -> Option<f64> {
+        // By the matrix determinant lemma.
+        let solved = without_n2_m2.cholesky()?.solve(&self.beyond_n_m);
+        Some(0.5 * self.beyond_n_m.dot(&solved).ln_1p())
     }
 }
 
@@ -86,7 +88,7 @@ impl Side {
         self.axis().rest().length_m()
     }
 
-    /// Standard deviation of the place along the whisker of a contact anywhere in the calibrated part.
+    /// Standard deviation of the arc length of a contact that is uniformly distributed over the calibrated part (m).
     pub(super) fn along_sd_m(&self) -> f64 {
         let (low_m, high_m) = self.calibrated.domain.arc_range_m();
         (high_m - low_m) / 12_f64.sqrt()
@@ -255,10 +257,10 @@ mod tests {
         };
         let of = |beyond_n_m| {
             let expected = expected(beyond_n_m);
-            expected.log_spread(&expected.covariance_n2_m2())
+            expected.log_spread(&expected.model_n2_m2).unwrap()
         };
         assert_eq!(of(Vector2::zeros()), 0.0, "none in the calibrated domain");
-        // By the matrix determinant lemma.
         assert!((of(Vector2::new(3.0, -4.0)) - 0.5 * 26_f64.ln()).abs() < 1e-12);
+        assert!((of(Vector2::new(3e9, -4e9)) - 5e9_f64.ln()).abs() < 1e-9, "without loss of precision");
     }
 }

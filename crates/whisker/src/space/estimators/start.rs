@@ -16,8 +16,8 @@ const NEARBY_M: f64 = 3e-3;
 /// of equal ratio, since the readings are nearly powers of the arc length; the standard deviation along the whisker is half an
 /// interval, the weight its length. The displacement follows from the two readings, with their
 /// uncertainty, so no position along the whisker is favoured before it is known how the readings grow. A whisker that has slipped
-/// off an object bears on it again nearby, at an arc length about `near_m`, or anywhere, with equal probability. Where the slip was
-/// noticed late, `near_m` may have left the calibrated part, which contains the other positions.
+/// off an object bears on it again nearby, at an arc length about `near_m`, or anywhere, with equal probability. If the slip
+/// is detected late, `near_m` may lie outside the calibrated part; it is then moved to the border of that part.
 pub(super) fn beliefs(
     side: &Side,
     count: usize,

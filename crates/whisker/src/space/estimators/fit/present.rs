@@ -15,10 +15,12 @@ use crate::space::sensor::Around;
 /// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
 const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
 
-/// Power of a mode's excess by which its stated covariance grows, and the largest growth. Birge's factor is the first power, for
-/// independent errors; those of a wrong model are not independent, as where a whisker on the face of a box slides from edge to edge and
-/// a cylinder is fitted to both. Chosen on random scenes in space that are not reported.
+/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for
+/// independent errors; those of a wrong model are not independent, for example where a whisker slides over the face of a box from edge to
+/// edge, and one cylinder is fitted to both edges. Chosen on random scenes in space that are not reported.
 const EXCESS_POWER: i32 = 6;
+
+/// Largest factor by which the covariance grows with the excess, unless the excess itself is larger. Chosen in the same way.
 const MOST_GROWTH: f64 = 200.0;
 
 /// The beliefs of all modes at a sample.
@@ -154,7 +156,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let bounded = (self.config.gate_sds / innovation.nis.sqrt()).min(1.0);
         mode.tilt =
             (tilt_rad + gain.dot(&innovation.residual) * bounded, (tilt_rad2 * (1.0 - gain.dot(&by_reading))).max(0.0));
-        // The contact lies in the calibrated part of the whisker.
+        // The growth is limited to the variance of a contact that is uniformly distributed over the calibrated part.
         let most = (side.along_sd_m().powi(2) / covariance.fixed_view::<3, 3>(0, 0).trace()).max(1.0);
         covariance *= further_factor(mode.excess, recent_nis).min(most);
         covariance += by_tilt * by_tilt.transpose() * mode.tilt.1;
@@ -162,7 +164,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 
     /// Evidence of a reading: the logarithm of its likelihood, `-nis / 2 - ln det S / 2` up to a constant, relative to the expected
-    /// one under the covariance of a known contact, `-1 - ln det R / 2` up to the same constant.
+    /// one under the covariance of a known contact in the calibrated domain, `-1 - ln det R / 2` up to the same constant: a contact
+    /// beyond the domain gains no evidence from its larger covariance.
     fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
         let known = self.side.expect(Around::of_state(&belief.mean)).model_n2_m2 + self.side.noise_of_mean_n2_m2(1.0);
         let spread = (innovation.covariance.determinant() / known.determinant()).ln();

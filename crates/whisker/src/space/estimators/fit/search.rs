@@ -47,8 +47,7 @@ pub(super) struct Prior<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
-    /// Half the logarithm of the determinants of the covariances of the means, relative to those without the error of the
-    /// extrapolation beyond the calibrated domain.
+    /// Sum over the means of [`Expected::log_spread`](crate::space::estimators::side::Expected::log_spread).
     log_spread: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
@@ -162,7 +161,8 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let mut independent = noise_n2_m2 + Matrix2::identity() * inertia_n2_m2 + by_tilt * by_tilt.transpose();
         let covariance = expected.covariance_n2_m2() + independent;
         let Some(mut factor) = covariance.cholesky() else { return false };
-        quadratic.log_spread += expected.log_spread(&covariance);
+        let Some(log_spread) = expected.log_spread(&(expected.model_n2_m2 + independent)) else { return false };
+        quadratic.log_spread += log_spread;
         let mut residual = expected.reading_n_m - mean.reading_n_m;
         let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_dynamics];
