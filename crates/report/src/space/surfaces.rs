@@ -123,19 +123,14 @@ impl View {
         let depth = |corners: &[u32; 3]| {
             corners.iter().map(|corner| towards.dot(&mesh.vertices[*corner as usize].on.at.vector())).sum::<f64>()
         };
-        let mut triangles: Vec<(f64, [(f64, f64); 3], Rgb)> = mesh
-            .triangles
-            .iter()
-            .zip(distances_m(mesh, solid))
-            .map(|(corners, distance_m)| {
-                let places = corners.map(|corner| flat(mesh.vertices[corner as usize].on.at.vector()));
-                (depth(corners), places, viridis(share(distance_m)))
-            })
-            .collect();
-        triangles.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut by_depth: Vec<(&[u32; 3], f64)> = mesh.triangles.iter().zip(distances_m(mesh, solid)).collect();
+        by_depth.sort_by(|a, b| depth(a.0).total_cmp(&depth(b.0)));
+        let triangle = |(corners, distance_m): (&[u32; 3], f64)| {
+            (corners.map(|corner| flat(mesh.vertices[corner as usize].on.at.vector())), viridis(share(distance_m)))
+        };
         Self {
             title,
-            triangles: triangles.into_iter().map(|(_, places, colour)| (places, colour)).collect(),
+            triangles: by_depth.into_iter().map(triangle).collect(),
             curves: solid.curves_m().into_iter().map(|curve| curve.into_iter().map(flat).collect()).collect(),
         }
     }

@@ -140,7 +140,9 @@ fn write_run(folder: &Path) {
         |name: &str, bytes: anyhow::Result<Vec<u8>>| fs::write(folder.join(name), bytes.unwrap()).expect("written");
     write("space_trials.csv", csv_bytes(&ESTIMATORS.map(trial)));
     write("space_summary.csv", csv_bytes(&ESTIMATORS.map(summary)));
-    ["space_estimates", "space_maps"].map(|name| fs::create_dir(folder.join(name)).expect("created"));
+    for name in ["space_estimates", "space_maps"] {
+        fs::create_dir(folder.join(name)).expect("created");
+    }
     let vertex = |x_m: f64, z_m: f64| Vertex {
         on: ProjectedPoint { at: Point::new(x_m, 6e-4, z_m), normal: Vector3::y(), sd_m: 1e-5 },
         object: 0,

@@ -47,8 +47,8 @@ impl Expected {
     }
 
     /// Half the logarithm of the ratio `det S / det S0`, where `S0` is a covariance of the readings without the error of the
-    /// extrapolation, and `S` the same with it: beyond the calibrated domain, the predictive density is wider and lower. `None` if
-    /// `S0` is singular.
+    /// extrapolation, and `S` the same with it: beyond the calibrated domain, the predictive density is wider and lower. `None`
+    /// unless `S0` is positive definite.
     pub(super) fn log_spread(&self, without_n2_m2: &Matrix2<f64>) -> Option<f64> {
         // By the matrix determinant lemma.
         let solved = without_n2_m2.cholesky()?.solve(&self.beyond_n_m);

@@ -161,8 +161,6 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let mut independent = noise_n2_m2 + Matrix2::identity() * inertia_n2_m2 + by_tilt * by_tilt.transpose();
         let covariance = expected.covariance_n2_m2() + independent;
         let Some(mut factor) = covariance.cholesky() else { return false };
-        let Some(log_spread) = expected.log_spread(&(expected.model_n2_m2 + independent)) else { return false };
-        quadratic.log_spread += log_spread;
         let mut residual = expected.reading_n_m - mean.reading_n_m;
         let model = expected.model_n2_m2.cholesky().map_or_else(Matrix2::zeros, |factor| factor.l());
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_dynamics];
@@ -176,7 +174,10 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
             let link = Link::new(&factor, (residual, slopes, common), place, share);
             (residual, slopes, common) = link.change_from(quadratic.last.as_ref(), length_m);
             (factor, independent) = (Cholesky::pack_dirty(Matrix2::identity()), Matrix2::identity());
+            // The error of the extrapolation is hardly new in a change from mean to mean, and does not widen its density.
             quadratic.last = Some(link);
+        } else {
+            quadratic.log_spread += expected.log_spread(&(expected.model_n2_m2 + independent)).unwrap_or(0.0);
         }
         let (solved_residual, solved_slopes) = (factor.solve(&residual), factor.solve(&slopes));
         let (cost, weight) = logarithmic_cost(residual.dot(&solved_residual), self.gate_sds);
