@@ -15,9 +15,9 @@ use crate::space::sensor::Around;
 /// Innovations of the modes that show that the whisker has slipped to another edge, so that the object is given up.
 const SLIPPED: DoubtSettings = DoubtSettings { window_s: 0.5, most_nis: 12.5, nis: 8.0 };
 
-/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for
-/// independent errors; those of a wrong model are not independent, for example where a whisker slides over the face of a box from edge to
-/// edge, and one cylinder is fitted to both edges. Chosen on random scenes in space that are not reported.
+/// Power of a mode's excess by which its stated covariance grows. Birge's factor is the first power, for independent errors; those
+/// of a wrong model are not independent, for example where a whisker slides over the face of a box from edge to edge, and one
+/// cylinder is fitted to both edges. Chosen on random scenes in space that are not reported.
 const EXCESS_POWER: i32 = 6;
 
 /// Largest factor by which the covariance grows with the excess, unless the excess itself is larger. Chosen in the same way.

@@ -174,9 +174,9 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
             let link = Link::new(&factor, (residual, slopes, common), place, share);
             (residual, slopes, common) = link.change_from(quadratic.last.as_ref(), length_m);
             (factor, independent) = (Cholesky::pack_dirty(Matrix2::identity()), Matrix2::identity());
-            // The error of the extrapolation is hardly new in a change from mean to mean, and does not widen its density.
             quadratic.last = Some(link);
         } else {
+            // The error of the extrapolation is hardly new in a change from mean to mean, but widens the density of a single mean.
             quadratic.log_spread += expected.log_spread(&(expected.model_n2_m2 + independent)).unwrap_or(0.0);
         }
         let (solved_residual, solved_slopes) = (factor.solve(&residual), factor.solve(&slopes));
