@@ -1,5 +1,7 @@
 //! Settings and descriptions as Python objects, and arguments with a fixed meaning.
 
+use std::fmt::Display;
+
 use ::trace::{FARTHEST_M, RATES_HZ};
 use ::whisker::estimators::{BaseNoise, ContactPrior};
 use ::whisker::frames::{Base, Point, Pose};
@@ -51,7 +53,7 @@ pub(crate) fn check_not_negative(what: &str, number: f64) -> PyResult<()> {
 }
 
 /// Checks the coordinates of a position (m): finite, with magnitudes that a trace allows.
-pub(crate) fn check_position(what: &str, position_m: &[f64]) -> PyResult<()> {
+pub(crate) fn check_position(what: impl Display, position_m: &[f64]) -> PyResult<()> {
     if position_m.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M) {
         return Ok(());
     }
@@ -66,7 +68,7 @@ pub(crate) fn check_position(what: &str, position_m: &[f64]) -> PyResult<()> {
 pub(crate) fn poses(base: &Numbers<'_>) -> PyResult<Vec<[f64; 3]>> {
     let poses = rows::<3>("base", base)?;
     for (row, pose) in poses.iter().enumerate() {
-        check_position(&format!("base[{row}]"), &pose[..2])?;
+        check_position(format_args!("base[{row}]"), &pose[..2])?;
     }
     Ok(poses)
 }

@@ -168,7 +168,7 @@ impl SpatialEstimator {
         let (bases, readings) = (rows::<7>("base", &base)?, rows::<2>("readings_n_m", &readings_n_m)?);
         same_length("base", bases.len(), "t_s", times_s.len())?;
         same_length("readings_n_m", readings.len(), "t_s", times_s.len())?;
-        let bases = bases.iter().enumerate().map(|(row, &base)| placed(&format!("base[{row}]"), base));
+        let bases = bases.iter().enumerate().map(|(row, &base)| placed(format_args!("base[{row}]"), base));
         let bases: Vec<SpatialPose> = bases.collect::<PyResult<_>>()?;
         let readings_n_m: Vec<Vector2<f64>> = readings.into_iter().map(Vector2::from).collect();
         let mut steps = SpatialSteps::default();

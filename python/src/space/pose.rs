@@ -1,5 +1,7 @@
 //! Poses in space from Python.
 
+use std::fmt::Display;
+
 use ::trace::SpatialPose;
 use ::whisker::frames::Base;
 use ::whisker::space::frames::Pose;
@@ -10,9 +12,9 @@ use crate::convert::check_position;
 use crate::error::refused;
 
 /// The pose of the base in World with this position (m) and unit quaternion (w, x, y, z).
-pub(super) fn placed(what: &str, numbers: [f64; 7]) -> PyResult<SpatialPose> {
+pub(super) fn placed(what: impl Display, numbers: [f64; 7]) -> PyResult<SpatialPose> {
     let [x, y, z, qw, qx, qy, qz] = numbers;
-    check_position(what, &[x, y, z])?;
+    check_position(&what, &[x, y, z])?;
     SpatialPose::new(Vector3::new(x, y, z), Quaternion::new(qw, qx, qy, qz)).map_err(|norm| {
         let found = format!("a quaternion of norm {norm}");
         refused(what, found, "x, y, z (m) and a unit quaternion w, x, y, z")

@@ -2,10 +2,10 @@
 //!
 //! It describes objects that few scenes contain, and would cost as much as another candidate. It therefore sleeps at first; the
 //! means of the blocks that it has not taken are kept. A block that surprises the average wakes it; it then takes the kept blocks,
-//! a few at a time, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood ratios, kept
-//! from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for the average
-//! does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates are stated,
-//! from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
+//! one or two with each sample, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood
+//! ratios, kept from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for
+//! the average does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates
+//! are stated, from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -62,9 +62,7 @@ impl AlternativeSettings {
 /// Largest number of kept blocks. Beyond it, the method takes the oldest one with each new one, even while it sleeps.
 const MOST_KEPT: usize = 256;
 
-/// Number of kept blocks that the method takes with each new one until it has caught up; and number of first blocks, which it takes
-/// one at a time, because it then has many hypotheses.
-const CATCH_UP: usize = 4;
+/// Number of first blocks, which the method takes one at a time, because it then has many hypotheses.
 const FIRST: usize = 10;
 
 /// Time without evidence after which the method sleeps again.
@@ -84,6 +82,9 @@ const RESTING_M_S: f64 = 1e-4;
 pub(super) struct Weighed {
     pub(super) sample: Sample,
     pub(super) count: f64,
+    /// Whether the average takes samples one by one because the contact may have jumped. Its steps then take longest, and the method
+    /// does not catch up.
+    pub(super) is_alert: bool,
     /// Innovation of the average. `None` if it predicts no reading.
     pub(super) innovation: Option<Innovation<1>>,
     /// Contact of the average. `None` if it states none.
@@ -181,8 +182,11 @@ impl Alternative {
         if !self.is_awake && self.kept.len() <= MOST_KEPT {
             return;
         }
-        let taken = if self.is_awake && self.taken >= FIRST { CATCH_UP } else { 1 };
-        (0..taken).for_each(|_| self.work());
+        self.work();
+        // Between the ends of blocks of several samples, the method catches up by itself.
+        if self.is_awake && self.taken > FIRST && weighed.count == 1.0 && !weighed.is_alert {
+            self.work();
+        }
         self.leads = if self.leads {
             self.evidence > 0.0
         } else {
@@ -282,7 +286,8 @@ mod tests {
     /// A block with this reading, of which the average predicts zero.
     fn weighed(sds: f64) -> Weighed {
         let sample = Sample { motion: Pose::new(1e-3, 0.0, 0.0), dt_s: 0.01, reading_n_m: sds * NOISE_N2_M2.sqrt() };
-        Weighed { sample, count: 1.0, innovation: found(sds), contact: None, noise_factor: 1.0, power: 1.0 }
+        let innovation = found(sds);
+        Weighed { sample, count: 1.0, is_alert: false, innovation, contact: None, noise_factor: 1.0, power: 1.0 }
     }
 
     fn with_alternative(drift_per_s: f64, check: impl Fn(&mut Alternative, &One, &Touch<'_>)) {
@@ -320,6 +325,18 @@ mod tests {
             assert_eq!(taken.len(), 21);
             assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "{taken:?}");
         });
+    }
+
+    /// It takes ten blocks one by one at first.
+    #[test]
+    fn verif_it_catches_up_with_single_samples_unless_the_average_is_alert() {
+        for (is_alert, count, expected) in [(false, 1.0, 10 + 2 * 20), (true, 1.0, 10 + 20), (false, 8.0, 10 + 20)] {
+            with_alternative(0.0, |alternative, method, _| {
+                (0..100).for_each(|_| alternative.take(weighed(0.1)));
+                (0..30).for_each(|_| alternative.take(Weighed { is_alert, count, ..weighed(3.0) }));
+                assert_eq!(method.0.lock().unwrap().len(), expected, "{is_alert} {count}");
+            });
+        }
     }
 
     /// The logarithm of the likelihood ratio of a reading of 1 is 0.5, and -1.5 of one of -1.
