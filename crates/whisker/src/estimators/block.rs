@@ -116,7 +116,7 @@ impl Blocks {
         let goes_on = self.has_begun
             && self.count < f64::from(settings.samples)
             && last.origin().distance(&base.origin()) + turned_m < settings.way_m
-            && !self.is_alert();
+            && self.now_s >= self.alert_until_s;
         if goes_on { None } else { self.end() }
     }
 
@@ -142,11 +142,6 @@ impl Blocks {
     /// From now on, takes samples one by one for `alert_s`.
     pub(super) fn alert(&mut self, settings: &BlockSettings) {
         self.alert_until_s = self.now_s + settings.alert_s;
-    }
-
-    /// Whether samples are taken one by one at present.
-    pub(super) fn is_alert(&self) -> bool {
-        self.now_s < self.alert_until_s
     }
 
     /// Whether a sample may be combined with others, before it is taken.

@@ -260,6 +260,11 @@ pub trait Tracker: Send {
         Ahead::default()
     }
 
+    /// Number of hypotheses that it follows, to which the time of a step is about proportional. Default: one.
+    fn hypotheses(&self) -> usize {
+        1
+    }
+
     /// Continues work that needs no sample, such as a search in progress. Default: none.
     fn work(&mut self) {}
 

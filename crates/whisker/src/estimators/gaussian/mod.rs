@@ -383,6 +383,10 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Tracker for Follo
         self.step_mean(sample, 1.0)
     }
 
+    fn hypotheses(&self) -> usize {
+        self.bank.as_ref().map_or(1, |bank| bank.hypotheses().len())
+    }
+
     fn assumes_motion(&self) -> bool {
         Model::OBJECT_MOVES
     }

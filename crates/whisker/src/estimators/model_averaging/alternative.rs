@@ -2,10 +2,10 @@
 //!
 //! It describes objects that few scenes contain, and would cost as much as another candidate. It therefore sleeps at first; the
 //! means of the blocks that it has not taken are kept. A block that surprises the average wakes it; it then takes the kept blocks,
-//! one or two with each sample, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood
-//! ratios, kept from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for
-//! the average does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates
-//! are stated, from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
+//! with each sample as many as the time of a step allows, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood ratios, kept
+//! from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for the average
+//! does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates are stated,
+//! from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -62,8 +62,9 @@ impl AlternativeSettings {
 /// Largest number of kept blocks. Beyond it, the method takes the oldest one with each new one, even while it sleeps.
 const MOST_KEPT: usize = 256;
 
-/// Number of first blocks, which the method takes one at a time, because it then has many hypotheses.
-const FIRST: usize = 10;
+/// Number of hypotheses that the method updates with each sample until it has caught up, unless a single block updates more: at first
+/// it has many, and takes one block at a time.
+const MOST_UPDATED: usize = 48;
 
 /// Time without evidence after which the method sleeps again.
 const REST_S: f64 = 1.0;
@@ -82,9 +83,6 @@ const RESTING_M_S: f64 = 1e-4;
 pub(super) struct Weighed {
     pub(super) sample: Sample,
     pub(super) count: f64,
-    /// Whether the average takes samples one by one because the contact may have jumped. Its steps then take longest, and the method
-    /// does not catch up.
-    pub(super) is_alert: bool,
     /// Innovation of the average. `None` if it predicts no reading.
     pub(super) innovation: Option<Innovation<1>>,
     /// Contact of the average. `None` if it states none.
@@ -101,9 +99,8 @@ pub(super) struct Alternative {
     gate_sds: f64,
     method: Arc<dyn Method>,
     tracker: Box<dyn Tracker>,
-    /// Blocks that the method has not taken, the oldest first, and the number of those that it has taken.
+    /// Blocks that the method has not taken, the oldest first.
     kept: VecDeque<Weighed>,
-    taken: usize,
     is_awake: bool,
     /// Cumulative sum of the evidence, and the time for which it has been zero.
     evidence: f64,
@@ -125,7 +122,6 @@ impl Alternative {
             method: method.clone(),
             tracker: method.begin(touch),
             kept: VecDeque::with_capacity(MOST_KEPT + 1),
-            taken: 0,
             is_awake: false,
             evidence: 0.0,
             idle_s: 0.0,
@@ -142,7 +138,6 @@ impl Alternative {
             (self.is_awake, self.leads, self.evidence) = (false, false, 0.0);
         }
         self.kept.clear();
-        self.taken = 0;
         self.stated = None;
     }
 
@@ -182,9 +177,9 @@ impl Alternative {
         if !self.is_awake && self.kept.len() <= MOST_KEPT {
             return;
         }
-        self.work();
-        // Between the ends of blocks of several samples, the method catches up by itself.
-        if self.is_awake && self.taken > FIRST && weighed.count == 1.0 && !weighed.is_alert {
+        if self.is_awake {
+            self.advance();
+        } else {
             self.work();
         }
         self.leads = if self.leads {
@@ -197,19 +192,30 @@ impl Alternative {
         }
     }
 
-    /// Takes a kept block if the method is awake, or continues its work.
+    /// Takes kept blocks if the method is awake, or continues its work.
     pub(super) fn catch_up(&mut self) {
         if !self.is_awake {
             return;
         }
-        if self.kept.is_empty() { self.tracker.work() } else { self.work() }
+        if self.kept.is_empty() { self.tracker.work() } else { self.advance() }
+    }
+
+    /// Takes as many of the kept blocks as the time of a step allows, at least one.
+    fn advance(&mut self) {
+        let mut updated = 0;
+        loop {
+            updated += self.tracker.hypotheses();
+            self.work();
+            if self.kept.is_empty() || updated + self.tracker.hypotheses() > MOST_UPDATED {
+                return;
+            }
+        }
     }
 
     /// Takes the oldest of the kept blocks.
     fn work(&mut self) {
         let Some(weighed) = self.kept.pop_front() else { return };
         self.stated = self.tracker.step_mean(&weighed.sample, weighed.count);
-        self.taken += 1;
         let dt_s = weighed.sample.dt_s.max(0.0);
         let increase = self.increase(&weighed, dt_s);
         if increase.is_finite() {
@@ -274,6 +280,11 @@ mod tests {
             Some(Estimate { innovation: found(sds - 1.0), ..Estimate::at(Point::new(0.05, 0.0), Face::Left) })
         }
 
+        /// Two blocks update no more than the method may.
+        fn hypotheses(&self) -> usize {
+            20
+        }
+
         fn resume(&mut self, _: &Touch<'_>) -> bool {
             true
         }
@@ -286,8 +297,7 @@ mod tests {
     /// A block with this reading, of which the average predicts zero.
     fn weighed(sds: f64) -> Weighed {
         let sample = Sample { motion: Pose::new(1e-3, 0.0, 0.0), dt_s: 0.01, reading_n_m: sds * NOISE_N2_M2.sqrt() };
-        let innovation = found(sds);
-        Weighed { sample, count: 1.0, is_alert: false, innovation, contact: None, noise_factor: 1.0, power: 1.0 }
+        Weighed { sample, count: 1.0, innovation: found(sds), contact: None, noise_factor: 1.0, power: 1.0 }
     }
 
     fn with_alternative(drift_per_s: f64, check: impl Fn(&mut Alternative, &One, &Touch<'_>)) {
@@ -319,24 +329,14 @@ mod tests {
             (0..20).for_each(|i| alternative.take(weighed(0.1 * f64::from(i))));
             assert!(method.0.lock().unwrap().is_empty());
             alternative.take(weighed(3.0));
-            assert_eq!(method.0.lock().unwrap().len(), 1);
+            assert_eq!(method.0.lock().unwrap().len(), 2);
+            alternative.catch_up();
+            assert_eq!(method.0.lock().unwrap().len(), 4);
             (0..20).for_each(|_| alternative.catch_up());
             let taken = method.0.lock().unwrap().clone();
             assert_eq!(taken.len(), 21);
             assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "{taken:?}");
         });
-    }
-
-    /// It takes ten blocks one by one at first.
-    #[test]
-    fn verif_it_catches_up_with_single_samples_unless_the_average_is_alert() {
-        for (is_alert, count, expected) in [(false, 1.0, 10 + 2 * 20), (true, 1.0, 10 + 20), (false, 8.0, 10 + 20)] {
-            with_alternative(0.0, |alternative, method, _| {
-                (0..100).for_each(|_| alternative.take(weighed(0.1)));
-                (0..30).for_each(|_| alternative.take(Weighed { is_alert, count, ..weighed(3.0) }));
-                assert_eq!(method.0.lock().unwrap().len(), expected, "{is_alert} {count}");
-            });
-        }
     }
 
     /// The logarithm of the likelihood ratio of a reading of 1 is 0.5, and -1.5 of one of -1.

@@ -322,7 +322,6 @@ impl AveragingTracker {
         let weighed = Weighed {
             sample: *sample,
             count,
-            is_alert: self.blocks.is_alert(),
             innovation,
             contact: average.map(|average| average.contact),
             noise_factor: self.noise_factor(),
