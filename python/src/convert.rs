@@ -58,7 +58,7 @@ pub(crate) fn check_position(what: impl Display, position_m: &[f64]) -> PyResult
         return Ok(());
     }
     Err(refused(
-        what,
+        &what.to_string(),
         format!("{position_m:?}"),
         &format!("finite coordinates with magnitudes of at most {FARTHEST_M} m"),
     ))

@@ -29,6 +29,6 @@ pub(crate) fn of_argument(py: Python<'_>, what: &str, error: PyErr) -> PyErr {
 }
 
 /// `ValueError` that names the quantity, the value found and the value expected.
-pub(crate) fn refused(what: impl std::fmt::Display, found: impl std::fmt::Display, expected: &str) -> PyErr {
+pub(crate) fn refused(what: &str, found: impl std::fmt::Display, expected: &str) -> PyErr {
     PyValueError::new_err(format!("{what}: found {found}, expected {expected}"))
 }

@@ -17,7 +17,7 @@ pub(super) fn placed(what: impl Display, numbers: [f64; 7]) -> PyResult<SpatialP
     check_position(&what, &[x, y, z])?;
     SpatialPose::new(Vector3::new(x, y, z), Quaternion::new(qw, qx, qy, qz)).map_err(|norm| {
         let found = format!("a quaternion of norm {norm}");
-        refused(what, found, "x, y, z (m) and a unit quaternion w, x, y, z")
+        refused(&what.to_string(), found, "x, y, z (m) and a unit quaternion w, x, y, z")
     })
 }
 

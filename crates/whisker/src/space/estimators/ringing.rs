@@ -16,12 +16,13 @@
 //! response of a damped oscillator to the accelerations in their place.
 //!
 //! The elastic force lags behind that of the contact by the time `T`, for small deflections exactly. If the contact slides along the
-//! whisker or the deflection changes, the damping adds the angle `-T n'`. It varies slowly, so that the response of the oscillator is
-//! not applied to it.
+//! whisker or the deflection changes, the damping adds the angle `-T n'`. If it varies slowly, the response of the oscillator need not
+//! be applied to it.
 //!
-//! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base. The oscillator is therefore driven by
-//! the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k` follows
-//! from the displacement of the contact by a tilt of the normal.
+//! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base, unless the equilibrium moves fast. The
+//! oscillator is therefore driven by the acceleration of the base, in six components, and the object determines the angle from the
+//! response. The stiffness `k` follows from the displacement of the contact by a tilt of the normal. What the fast motion of an
+//! equilibrium adds, for one object, is described in [`super::motion::Swing`].
 
 use std::f64::consts::PI;
 
@@ -42,7 +43,33 @@ const RAD_S: std::ops::RangeInclusive<f64> = 10.0..=1000.0;
 const LEAST_DAMPED: f64 = 0.1;
 
 /// Linear (m/s, m/s2) and angular (rad/s, rad/s2) rates of the base, in Base: those of its origin, and those of its rotation.
-type Rates = SVector<f64, 6>;
+pub(super) type Rates = SVector<f64, 6>;
+
+/// The angular frequency (rad/s) within the range of oscillations. `None` if it is not a number.
+pub(super) fn frequency(rad_s: f64) -> Option<f64> {
+    (!rad_s.is_nan()).then(|| rad_s.clamp(*RAD_S.start(), *RAD_S.end()))
+}
+
+/// Damped oscillator in `N` components.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Oscillator<const N: usize> {
+    pub(super) value: SVector<f64, N>,
+    /// Change of the value per second.
+    pub(super) rate: SVector<f64, N>,
+}
+
+impl<const N: usize> Oscillator<N> {
+    /// Takes a step of `dt_s` in which the equilibrium counts as constant, with the angular frequency without damping.
+    pub(super) fn advance(&mut self, equilibrium: &SVector<f64, N>, rad_s: f64, damping_s: f64, dt_s: f64) {
+        let per_s = 0.5 * damping_s * rad_s.powi(2);
+        let damped_rad_s = (rad_s.powi(2) - per_s.powi(2)).max(0.0).sqrt().max(LEAST_DAMPED * rad_s);
+        let (sin, cos) = (damped_rad_s * dt_s).sin_cos();
+        let (sin_s, decay) = (sin / damped_rad_s, (-per_s * dt_s).exp());
+        let (away, rate) = (self.value - equilibrium, self.rate);
+        self.value = equilibrium + (away * (cos + per_s * sin_s) + rate * sin_s) * decay;
+        self.rate = (rate * (cos - per_s * sin_s) - away * ((per_s.powi(2) + damped_rad_s.powi(2)) * sin_s)) * decay;
+    }
+}
 
 /// Response of a wire that touches an object to the accelerations of the base.
 #[derive(Clone, Copy, Debug)]
@@ -53,24 +80,23 @@ pub(super) struct Ringing {
     rad_s: f64,
     /// `None` before the first motion.
     velocity: Option<Rates>,
-    response: Rates,
-    /// Change of the response per second.
-    rate: Rates,
+    response: Oscillator<6>,
+    /// Acceleration of the base at the last step.
+    acceleration: Rates,
     /// [`Response::lag`].
     lag: Rates,
 }
 
 impl Ringing {
     pub(super) fn new(damping_s: f64) -> Self {
-        let [response, rate, lag] = [Rates::zeros(); 3];
-        Self { damping_s, rad_s: FIRST_RAD_S, velocity: None, response, rate, lag }
+        let [value, rate, acceleration, lag] = [Rates::zeros(); 4];
+        let response = Oscillator { value, rate };
+        Self { damping_s, rad_s: FIRST_RAD_S, velocity: None, response, acceleration, lag }
     }
 
     /// Sets the angular frequency of the undamped oscillation. One that is not a number is ignored.
     pub(super) fn set_frequency(&mut self, rad_s: f64) {
-        if !rad_s.is_nan() {
-            self.rad_s = rad_s.clamp(*RAD_S.start(), *RAD_S.end());
-        }
+        self.rad_s = frequency(rad_s).unwrap_or(self.rad_s);
     }
 
     /// Takes the motion of a step, in which the acceleration counts as constant.
@@ -83,21 +109,20 @@ impl Ringing {
         // Objects at rest move in Base opposite to the base.
         let velocity = Rates::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] }) / -dt_s;
         let before = self.velocity.replace(velocity).unwrap_or(velocity);
-        let acceleration = (velocity - before) / dt_s;
+        self.acceleration = (velocity - before) / dt_s;
         self.lag = velocity * self.damping_s;
-
-        let per_s = 0.5 * self.damping_s * self.rad_s.powi(2);
-        let damped_rad_s = (self.rad_s.powi(2) - per_s.powi(2)).max(0.0).sqrt().max(LEAST_DAMPED * self.rad_s);
-        let (sin, cos) = (damped_rad_s * dt_s).sin_cos();
-        let (sin_s, decay) = (sin / damped_rad_s, (-per_s * dt_s).exp());
-        let (away, rate) = (self.response - acceleration, self.rate);
-        self.response = acceleration + (away * (cos + per_s * sin_s) + rate * sin_s) * decay;
-        self.rate = (rate * (cos - per_s * sin_s) - away * ((per_s.powi(2) + damped_rad_s.powi(2)) * sin_s)) * decay;
+        self.response.advance(&self.acceleration, self.rad_s, self.damping_s, dt_s);
     }
 
     /// The present response.
     pub(super) fn response(&self) -> Response {
-        Response { now: self.response, apart: self.rate / self.rad_s, lag: self.lag }
+        let Oscillator { value, rate } = self.response;
+        Response { now: value, apart: rate / self.rad_s, lag: self.lag, swing: SwingTilt::default() }
+    }
+
+    /// Acceleration of the base at the last step.
+    pub(super) fn acceleration(&self) -> Rates {
+        self.acceleration
     }
 }
 
@@ -110,6 +135,17 @@ pub(super) struct Response {
     pub(super) apart: Rates,
     /// Motion of the base (m, rad) during the time by which the elastic force lags behind.
     pub(super) lag: Rates,
+    /// Swing along an object.
+    pub(super) swing: SwingTilt,
+}
+
+/// Tilt of the normal by the swing of the wire along an object ([`super::motion::Swing`]), without the part by the acceleration of the
+/// base and without that by a damping that varies slowly.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct SwingTilt {
+    pub(super) rad: f64,
+    /// Sum of the squares of the tilt and of the amplitude of the oscillation (rad2).
+    pub(super) size_rad2: f64,
 }
 
 impl Response {
@@ -118,6 +154,8 @@ impl Response {
         self.now += (other.now - self.now) * share;
         self.apart += (other.apart - self.apart) * share;
         self.lag += (other.lag - self.lag) * share;
+        self.swing.rad += (other.swing.rad - self.swing.rad) * share;
+        self.swing.size_rad2 += (other.swing.size_rad2 - self.swing.size_rad2) * share;
     }
 }
 

@@ -4,15 +4,16 @@ use super::Fitter;
 use crate::frames::{Base, Start};
 use crate::space::estimators::follower::Tracker;
 use crate::space::estimators::motion::{Motion, Shape};
-use crate::space::estimators::ringing::Response;
+use crate::space::estimators::ringing::{Rates, Response};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
 
-/// A sample with the pose of the base and the response of the wire to the base's acceleration.
+/// A sample with the pose and the acceleration of the base, and the response of the wire to the acceleration.
 #[derive(Clone, Copy)]
 pub(super) struct KeptSample {
     pub(super) base: Pose<Base, Start>,
     pub(super) sample: Sample,
+    pub(super) acceleration: Rates,
     pub(super) response: Response,
 }
 
@@ -28,7 +29,8 @@ pub(super) struct Memory {
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// The present sample with its pose and response.
     pub(super) fn kept(&self, sample: &Sample) -> KeptSample {
-        KeptSample { base: self.base, sample: *sample, response: self.ringing.response() }
+        let (acceleration, response) = (self.ringing.acceleration(), self.ringing.response());
+        KeptSample { base: self.base, sample: *sample, acceleration, response }
     }
 
     /// Keeps the present sample, if samples are kept.

@@ -45,8 +45,8 @@ use self::mode::Mode;
 use self::readings::{Mean, Readings};
 use self::search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
 use super::follower::{Follower, Tracker, Unrest};
-use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, TILT};
-use super::ringing::Ringing;
+use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, Swing, TILT};
+use super::ringing::{Response, Ringing, SwingTilt};
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::Doubtful;
@@ -199,7 +199,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let (axis, motion) = (self.side.axis(), self.released.then(&self.base.inverse()));
         for mode in self.modes.iter_mut().filter(|mode| !mode.is_new()) {
             mode.near = Around::of(axis, motion.apply(mode.near.contact(axis)));
-            mode.tilt = (0.0, 0.0);
+            (mode.tilt, mode.swing) = ((0.0, 0.0), Swing::default());
         }
     }
 
@@ -227,6 +227,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 log_weight: weight.ln(),
                 near: Around::of_state(&x),
                 tilt: (0.0, 0.0),
+                swing: Swing::default(),
                 oscillation_rad_s: Place::new(&self.side, Around::of_state(&x))?.plane_rad_s(&self.side)?,
             })
         };
@@ -277,6 +278,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             && (!is_new || quadratic.cost < BETTER * round.least_cost)
         {
             (mode.about, mode.covariance) = (about, covariance);
+            mode.swing.go_on();
             mode.excess = (quadratic.cost / round.means.len() as f64).max(1.0);
             round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
             round.least_cost = round.least_cost.min(quadratic.cost);
@@ -369,6 +371,12 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.ringing.advance(sample);
     }
 
+    /// Swing along the likeliest object.
+    fn swing(&self) -> SwingTilt {
+        // The modes are sorted by weight.
+        self.modes.first().map(|mode| mode.swing.tilt()).unwrap_or_default()
+    }
+
     /// Sets the frequency of the oscillation to that at the likeliest contact.
     fn tune(&mut self) {
         let rad_s = match &self.front {
@@ -403,7 +411,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         };
         // The reading of the touch itself was detected by its size.
         if !is_first {
-            let (acceleration2, response) = (self.unrest.second.trace(), self.ringing.response());
+            let (acceleration2, swing) = (self.unrest.second.trace(), self.swing());
+            let response = Response { swing, ..self.ringing.response() };
             self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, acceleration2, response));
         }
         self.tune();

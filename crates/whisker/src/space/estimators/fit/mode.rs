@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use super::search::Prior;
 use crate::frames::{Base, Start};
-use crate::space::estimators::motion::{Fitted, Object, Shape, moved};
+use crate::space::estimators::motion::{Fitted, Object, Shape, Swing, moved};
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
@@ -28,6 +28,7 @@ pub(super) struct Mode<Body, const N: usize> {
     pub(super) near: Around,
     /// Mean (rad) and variance of the tilt at the present instant.
     pub(super) tilt: (f64, f64),
+    pub(super) swing: Swing,
     /// Angular frequency of the wire's oscillation along the object.
     pub(super) oscillation_rad_s: f64,
 }

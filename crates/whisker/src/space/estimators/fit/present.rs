@@ -8,7 +8,7 @@ use super::mode::Mode;
 use super::{Earlier, Fitter, LOST_S};
 use crate::doubt::DoubtSettings;
 use crate::space::estimators::follower::Tracker;
-use crate::space::estimators::motion::{Motion, Shape, TILT, TILT_S};
+use crate::space::estimators::motion::{Motion, Shape, Swing, TILT, TILT_S};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::sensor::Around;
 
@@ -64,7 +64,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let (axis, motion) = (self.side.axis(), self.base.then(&first.base.inverse()));
         let at_first = |mode: &Mode<Model::Object, N>| {
             let near = Around::of(axis, motion.apply(mode.near.contact(axis)));
-            Mode { near, tilt: (0.0, 0.0), ..*mode }
+            Mode { near, tilt: (0.0, 0.0), swing: Swing::default(), ..*mode }
         };
         let mut modes: Vec<_> = self.modes.iter().map(at_first).collect();
         let model_doubtful = Some(self.is_contradicted());
@@ -113,7 +113,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         recent_nis: f64,
     ) -> Option<(Gaussian<N>, Innovation<2>)> {
         let (side, model) = (&self.side, &self.model);
-        let KeptSample { base, sample, response } = kept;
+        let KeptSample { base, sample, acceleration, response } = kept;
         let motion = mode.reference.then(&base.inverse());
         let object = mode.about.object(&motion);
         let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
@@ -136,11 +136,15 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
         let contact = (&place, &found.1, &here);
         let dynamic = mode.about.dynamic_tilt(side, model, &motion, contact, response);
+        mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
+        let equilibrium = mode.about.equilibrium((side, model), &motion, contact, (acceleration, &dynamic));
+        let damping_s = side.calibrated.whisker.whisker.damping_s;
+        mode.swing.advance(&equilibrium, mode.oscillation_rad_s, damping_s, sample.dt_s);
+        let dynamic = dynamic.with(&mode.swing.tilt());
         // The tilt is an Ornstein-Uhlenbeck process, of which the reading tells what the contact does not explain.
         let decay = (-sample.dt_s / TILT_S).exp();
         let variance = dynamic.sd_rad().powi(2);
         let (tilt_rad, tilt_rad2) = (decay * mode.tilt.0, variance + decay.powi(2) * (mode.tilt.1 - variance));
-        mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
         let state = model.state(&object, &place, &mode.about.x) + by_tilt * dynamic.rad;
         let at = Around::of_state(&(state + by_tilt * tilt_rad));
         let expected = side.expect(at);

@@ -3,8 +3,9 @@
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use super::rolling::{MOST_TILT_RAD, Object, Place, STEP, Shape, TILT, stable_touch, step_of, stepped};
+use super::swing::Equilibrium;
 use crate::frames::Base;
-use crate::space::estimators::ringing::{self, Response};
+use crate::space::estimators::ringing::{self, Rates, Response, SwingTilt};
 use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::Around;
@@ -30,11 +31,18 @@ const LEAST_UNKNOWN_RAD: f64 = 2e-4;
 pub(in crate::space::estimators) struct DynamicTilt {
     /// At the present instant.
     pub(in crate::space::estimators) rad: f64,
-    /// Root of the sum of squares of the amplitude of the oscillation by inertia and of the tilt by damping.
+    /// Root of the sum of squares of the amplitude of the oscillation by inertia, of the tilt by damping, and of the swing.
     size_rad: f64,
+    /// Part by a damping that varies slowly.
+    damped_rad: f64,
 }
 
 impl DynamicTilt {
+    /// The tilt with that by a swing of the wire.
+    pub(in crate::space::estimators) fn with(self, swing: &SwingTilt) -> Self {
+        Self { rad: self.rad + swing.rad, size_rad: self.size_rad.hypot(swing.size_rad2.sqrt()), ..self }
+    }
+
     /// Standard deviation of the unknown part (rad).
     pub(in crate::space::estimators) fn sd_rad(&self) -> f64 {
         (UNKNOWN_SHARE * self.size_rad).max(LEAST_UNKNOWN_RAD)
@@ -102,27 +110,61 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         side: &Side,
         shape: &Model,
         motion: &Pose<Base, Base>,
-        (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
+        contact: (&Place, &Matrix3<f64>, &Vector3<f64>),
         response: &Response,
     ) -> DynamicTilt {
+        let (found, ..) = contact;
         let masses = side.masses(found.at);
-        // Of the contact, in the coordinates about the whisker, per multiple by which the base is displaced.
-        let displacement = |of_base, multiple| {
-            let moved = motion.then(&ringing::displaced(of_base, multiple));
-            inverse * (here - shape.residual(&self.object(&moved), found)) / multiple
-        };
         let clamped = |rad: f64| rad.clamp(-MOST_TILT_RAD, MOST_TILT_RAD);
         let by_inertia = |of_base| {
-            let relative_m_s2 = found.slopes * displacement(of_base, STEP_S2);
-            let inertia_n = ringing::inertia_n(of_base, &found.contact, &masses) + relative_m_s2 * masses.bent_kg;
-            clamped(found.tilt_by(&inertia_n))
+            let relative_n = self.relative_m_s2(shape, motion, contact, of_base) * masses.bent_kg;
+            clamped(found.tilt_per_n().dot(&(ringing::inertia_n(of_base, &found.contact, &masses) + relative_n)))
         };
         let inertial_rad = by_inertia(&response.now);
-        let damped_rad = clamped(found.turned_across(&displacement(&response.lag, LAG_STEP)));
-        DynamicTilt {
-            rad: inertial_rad + damped_rad,
-            size_rad: inertial_rad.hypot(by_inertia(&response.apart)).hypot(damped_rad),
+        let lag = self.displacement(shape, motion, contact, (&response.lag, LAG_STEP));
+        let damped_rad = clamped(found.turned_across(&lag));
+        let size_rad = inertial_rad.hypot(by_inertia(&response.apart)).hypot(damped_rad);
+        DynamicTilt { rad: inertial_rad + damped_rad, size_rad, damped_rad }.with(&response.swing)
+    }
+
+    /// The equilibrium of a contact at which the dynamic tilt is `dynamic`, while the base accelerates by `of_base`.
+    pub(in crate::space::estimators) fn equilibrium<Model: Shape<N, Object = Body>>(
+        &self,
+        (side, shape): (&Side, &Model),
+        motion: &Pose<Base, Base>,
+        contact: (&Place, &Matrix3<f64>, &Vector3<f64>),
+        (of_base, dynamic): (&Rates, &DynamicTilt),
+    ) -> Equilibrium {
+        let found = contact.0;
+        Equilibrium {
+            contact_m: found.contact,
+            by_base_m_s2: self.relative_m_s2(shape, motion, contact, of_base),
+            rad_per_m_s2: found.tilt_per_n() * side.masses(found.at).bent_kg,
+            damped_rad: dynamic.damped_rad,
         }
+    }
+
+    /// Acceleration of the contact relative to the base (m/s2), in Base, for this one of the base.
+    fn relative_m_s2<Model: Shape<N, Object = Body>>(
+        &self,
+        shape: &Model,
+        motion: &Pose<Base, Base>,
+        contact: (&Place, &Matrix3<f64>, &Vector3<f64>),
+        of_base: &Rates,
+    ) -> Vector3<f64> {
+        contact.0.slopes * self.displacement(shape, motion, contact, (of_base, STEP_S2))
+    }
+
+    /// Displacement of the contact, in the coordinates about the whisker, over the multiple by which the base is displaced.
+    fn displacement<Model: Shape<N, Object = Body>>(
+        &self,
+        shape: &Model,
+        motion: &Pose<Base, Base>,
+        (found, inverse, here): (&Place, &Matrix3<f64>, &Vector3<f64>),
+        (of_base, multiple): (&Rates, f64),
+    ) -> Vector3<f64> {
+        let moved = motion.then(&ringing::displaced(of_base, multiple));
+        inverse * (here - shape.residual(&self.object(&moved), found)) / multiple
     }
 
     /// The stable contact with an object after the base's motion, sought from `near`, then from the place that it has if it rests,

@@ -9,6 +9,7 @@ mod resting;
 mod rolling;
 mod sphere;
 mod stuck;
+mod swing;
 
 use filters::{Gaussian, Process};
 use nalgebra::{Matrix3, SMatrix, SVector};
@@ -30,6 +31,7 @@ use stuck::Stuck;
 pub(super) use fitted::Fitted;
 pub(super) use resting::Resting;
 pub(super) use rolling::{Object, Shape, TILT, TILT_S, moved};
+pub(super) use swing::Swing;
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {

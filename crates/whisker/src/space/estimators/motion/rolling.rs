@@ -120,9 +120,9 @@ impl Place {
             .clamp(LEAST_TILT_RAD, MOST_TILT_RAD)
     }
 
-    /// Tilt of the normal by a force of inertia (N).
-    pub(super) fn tilt_by(&self, inertia_n: &Vector3<f64>) -> f64 {
-        self.untilted.across.dot(inertia_n) / self.directions.force_n
+    /// Tilt of the normal by a force of inertia, per newton along each axis.
+    pub(super) fn tilt_per_n(&self) -> Vector3<f64> {
+        self.untilted.across / self.directions.force_n
     }
 
     /// Angle (rad) across the wire by which a displacement of the contact, in the coordinates about the whisker, turns the force of
