@@ -1,12 +1,12 @@
 """Time of a step of `recommended`, and its errors, in this version and in an earlier one.
 
-Usage: compare.py NOW EARLIER
+Usage: compare.py [--config FILE] NOW EARLIER
 
 Both are checkouts with the built program (`cargo build --release -p whisker-cli`) and the simulated and fitted suite
 (`whisker simulate scenes/suites/standard.json --out datasets/standard`, `whisker fit scenes/suites/standard.json`). In each round
 both programs evaluate the suite, in turn; a ratio of times is computed within a round, so that drift of the machine's speed
-cancels. Writes CSV to stdout: the median step of either over the rounds (ns), median, least and largest ratio of the times, and the
-RMS errors (m) of all seeds.
+cancels. FILE has settings of the estimators in this version, as for `whisker evaluate`. Writes CSV to stdout: the median step of
+either over the rounds (ns), median, least and largest ratio of the times, and the RMS errors (m) of all seeds.
 """
 
 import argparse
@@ -26,10 +26,12 @@ COLUMNS = ("group", "whisker", "step_ns", "earlier_step_ns", "ratio", "least", "
 Sets = dict[tuple[str, str], dict[str, str]]
 
 
-def evaluated(checkout: Path) -> Sets:
+def evaluated(checkout: Path, config: Path | None = None) -> Sets:
     """Rows of the summary by set, after an evaluation."""
     program = checkout / "target/release/whisker"
     options = ["--estimators", "recommended", "--seeds", str(SEEDS), "--name", RUN]
+    if config is not None:
+        options += ["--config", str(config.resolve())]
     command = [str(program.resolve()), "evaluate", f"scenes/suites/{SUITE}.json", *options]
     # Earlier versions do not replace a finished run.
     shutil.rmtree(checkout / "results" / RUN, ignore_errors=True)
@@ -43,8 +45,9 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     for name in ("now", "earlier"):
         parser.add_argument(name, type=Path)
+    parser.add_argument("--config", type=Path)
     arguments = parser.parse_args()
-    rounds = [(evaluated(arguments.now), evaluated(arguments.earlier)) for _ in range(ROUNDS)]
+    rounds = [(evaluated(arguments.now, arguments.config), evaluated(arguments.earlier)) for _ in range(ROUNDS)]
     table = csv.writer(sys.stdout)
     table.writerow(COLUMNS)
     for key in rounds[0][0]:

@@ -16,6 +16,10 @@ use nalgebra::{Vector1, Vector3};
 use super::rolling::MOST_TILT_RAD;
 use crate::space::estimators::ringing::{self, Oscillator, SwingTilt};
 
+/// Tilt below which a swing does not count (rad): it may follow from errors of a fit that hardly knows its object. Chosen on random
+/// scenes in space that are not reported.
+const LEAST_RAD: f64 = 0.01;
+
 /// The equilibrium at a sample, which makes the wire swing.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::space::estimators) struct Equilibrium {
@@ -62,7 +66,8 @@ impl Swing {
         oscillator.advance(&Vector1::new(driven_rad), rad_s, damping_s, dt_s);
         let rad = oscillator.value.x - damped_rad;
         let amplitude_rad = (oscillator.value.x - driven_rad).hypot(oscillator.rate.x / rad_s);
-        self.tilt = SwingTilt { rad, size_rad2: rad.powi(2) + amplitude_rad.powi(2) };
+        let size_rad2 = rad.powi(2) + amplitude_rad.powi(2);
+        self.tilt = if size_rad2 < LEAST_RAD.powi(2) { SwingTilt::default() } else { SwingTilt { rad, size_rad2 } };
     }
 
     /// Goes on with another object that explains the readings better: its contact is elsewhere, but not because the wire has moved.
@@ -84,11 +89,11 @@ mod tests {
     const DAMPING_S: f64 = 4e-3;
     const DT_S: f64 = 1e-3;
 
-    /// An equilibrium at rest, with a tilt of 1 mrad per m/s2 along y.
+    /// An equilibrium at rest, with a tilt of 10 mrad per m/s2 along y.
     const RESTING: Equilibrium = Equilibrium {
         contact_m: Vector3::new(0.05, 0.0, 0.0),
         by_base_m_s2: Vector3::new(0.0, 0.0, 0.0),
-        rad_per_m_s2: Vector3::new(0.0, 1e-3, 0.0),
+        rad_per_m_s2: Vector3::new(0.0, 1e-2, 0.0),
         damped_rad: 0.0,
     };
 
@@ -104,14 +109,14 @@ mod tests {
     /// The response of a damped oscillator at its frequency is the drive over twice the ratio of damping, here over 0.2.
     #[test]
     fn verif_an_equilibrium_that_moves_to_and_fro_at_the_frequency_is_amplified() {
-        let acceleration_m_s2 = 5.0;
+        let acceleration_m_s2 = 2.0;
         let moving = |t_s: f64| {
             let y_m = -acceleration_m_s2 / RAD_S.powi(2) * (RAD_S * t_s).sin();
             Equilibrium { contact_m: RESTING.contact_m + Vector3::y() * y_m, ..RESTING }
         };
         let found = tilts(&mut Swing::default(), 2000, moving);
         let largest = found[1500..].iter().map(|tilt| tilt.rad.abs()).fold(0.0, f64::max);
-        let expected = 1e-3 * acceleration_m_s2 / (DAMPING_S * RAD_S);
+        let expected = 1e-2 * acceleration_m_s2 / (DAMPING_S * RAD_S);
         assert!((largest / expected - 1.0).abs() < 0.05, "{largest} {expected}");
         assert!(found[1500..].iter().all(|tilt| tilt.size_rad2.sqrt() > 0.9 * expected));
     }
@@ -131,13 +136,13 @@ mod tests {
     #[test]
     fn verif_the_wire_swings_on_when_the_damping_ends_at_once() {
         let mut swing = Swing::default();
-        let sliding = tilts(&mut swing, 50, |_| Equilibrium { damped_rad: 0.01, ..RESTING });
-        assert!(sliding.iter().all(|tilt| tilt.rad.abs() < 1e-15 && tilt.size_rad2 < 1e-30));
+        let sliding = tilts(&mut swing, 50, |_| Equilibrium { damped_rad: 0.1, ..RESTING });
+        assert!(sliding.iter().all(|tilt| *tilt == SwingTilt::default()));
         let stopped = tilts(&mut swing, 1000, |_| RESTING);
         let period = (std::f64::consts::TAU / RAD_S / DT_S) as usize;
-        assert!((stopped[0].rad - 0.01).abs() < 1e-4, "the tilt goes on");
-        assert!(stopped[period / 2].rad < -0.006 && stopped[period].rad > 0.004, "{stopped:?}");
-        assert!(stopped[999].size_rad2.sqrt() < 1e-4);
+        assert!((stopped[0].rad - 0.1).abs() < 1e-3, "the tilt goes on");
+        assert!(stopped[period / 2].rad < -0.06 && stopped[period].rad > 0.04, "{stopped:?}");
+        assert_eq!(stopped[999], SwingTilt::default(), "a small tilt does not count");
     }
 
     #[test]
