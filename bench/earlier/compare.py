@@ -5,8 +5,8 @@ Usage: compare.py [--config FILE] NOW EARLIER
 Both are checkouts with the built program (`cargo build --release -p whisker-cli`) and the simulated and fitted suite
 (`whisker simulate scenes/suites/standard.json --out datasets/standard`, `whisker fit scenes/suites/standard.json`). In each round
 both programs evaluate the suite, in turn; a ratio of times is computed within a round, so that drift of the machine's speed
-cancels. FILE has settings of the estimators in this version, as for `whisker evaluate`. Writes CSV to stdout: the median step of
-either over the rounds (ns), median, least and largest ratio of the times, and the RMS errors (m) of all seeds.
+cancels. FILE contains settings of the estimators for NOW, as for `whisker evaluate --config`; EARLIER runs with its defaults.
+Writes CSV to stdout: the median step of either over the rounds (ns), median, least and largest ratio of the times, and the RMS errors (m) of all seeds.
 """
 
 import argparse

@@ -260,7 +260,7 @@ pub trait Tracker: Send {
         Ahead::default()
     }
 
-    /// Number of hypotheses that it follows, to which the time of a step is about proportional. Default: one.
+    /// Number of hypotheses of the tracker. The time of a step is about proportional to it. Default: one.
     fn hypotheses(&self) -> usize {
         1
     }

@@ -2,10 +2,11 @@
 //!
 //! It describes objects that few scenes contain, and would cost as much as another candidate. It therefore sleeps at first; the
 //! means of the blocks that it has not taken are kept. A block that surprises the average wakes it; it then takes the kept blocks,
-//! with each sample as many as the time of a step allows, until it has caught up. Its evidence against the average is a cumulative sum of log-likelihood ratios, kept
-//! from falling below zero (Page, "Continuous inspection schemes", Biometrika 41, 1954), so that earlier evidence for the average
-//! does not delay the detection of a change, such as the onset of sliding. The method *leads*, that is, its estimates are stated,
-//! from the instant at which the sum exceeds a threshold until it is zero. Otherwise it has no effect on the estimates.
+//! with each sample at least one, and as many as update at most [`MOST_UPDATED`] hypotheses, until it has caught up. Its evidence
+//! against the average is a cumulative sum of log-likelihood ratios, kept from falling below zero (Page, "Continuous inspection
+//! schemes", Biometrika 41, 1954), so that earlier evidence for the average does not delay the detection of a change, such as the
+//! onset of sliding. The method *leads*, that is, its estimates are stated, from the instant at which the sum exceeds a threshold
+//! until it is zero. Otherwise it has no effect on the estimates.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -62,8 +63,8 @@ impl AlternativeSettings {
 /// Largest number of kept blocks. Beyond it, the method takes the oldest one with each new one, even while it sleeps.
 const MOST_KEPT: usize = 256;
 
-/// Number of hypotheses that the method updates with each sample until it has caught up, unless a single block updates more: at first
-/// it has many, and takes one block at a time.
+/// Largest number of hypotheses that the method updates with each sample until it has caught up. A single block may update more: after
+/// a touch the method has many hypotheses and takes one block at a time.
 const MOST_UPDATED: usize = 48;
 
 /// Time without evidence after which the method sleeps again.
@@ -192,7 +193,7 @@ impl Alternative {
         }
     }
 
-    /// Takes kept blocks if the method is awake, or continues its work.
+    /// If the method is awake, takes kept blocks or, if there are none, continues its work.
     pub(super) fn catch_up(&mut self) {
         if !self.is_awake {
             return;
@@ -200,7 +201,7 @@ impl Alternative {
         if self.kept.is_empty() { self.tracker.work() } else { self.advance() }
     }
 
-    /// Takes as many of the kept blocks as the time of a step allows, at least one.
+    /// Takes at least one kept block, and further ones while at most [`MOST_UPDATED`] hypotheses are updated.
     fn advance(&mut self) {
         let mut updated = 0;
         loop {
@@ -280,7 +281,7 @@ mod tests {
             Some(Estimate { innovation: found(sds - 1.0), ..Estimate::at(Point::new(0.05, 0.0), Face::Left) })
         }
 
-        /// Two blocks update no more than the method may.
+        /// Two blocks update 40 hypotheses; a third would exceed [`MOST_UPDATED`].
         fn hypotheses(&self) -> usize {
             20
         }

@@ -16,13 +16,13 @@
 //! response of a damped oscillator to the accelerations in their place.
 //!
 //! The elastic force lags behind that of the contact by the time `T`, for small deflections exactly. If the contact slides along the
-//! whisker or the deflection changes, the damping adds the angle `-T n'`. If it varies slowly, the response of the oscillator need not
-//! be applied to it.
+//! whisker or the deflection changes, the damping adds the angle `-T n'`. Where this angle varies slowly, the response of the
+//! oscillator is not applied to it.
 //!
-//! Over the short time of an oscillation, `b` depends linearly on the acceleration of the base, unless the equilibrium moves fast. The
-//! oscillator is therefore driven by the acceleration of the base, in six components, and the object determines the angle from the
-//! response. The stiffness `k` follows from the displacement of the contact by a tilt of the normal. What the fast motion of an
-//! equilibrium adds, for one object, is described in [`super::motion::Swing`].
+//! Over the short time of an oscillation, `b` usually depends linearly on the acceleration of the base. The oscillator is therefore
+//! driven by the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k`
+//! follows from the displacement of the contact by a tilt of the normal. Where the equilibrium moves fast, [`super::motion::Swing`]
+//! computes the additional tilt for each object.
 
 use std::f64::consts::PI;
 
@@ -45,7 +45,7 @@ const LEAST_DAMPED: f64 = 0.1;
 /// Linear (m/s, m/s2) and angular (rad/s, rad/s2) rates of the base, in Base: those of its origin, and those of its rotation.
 pub(super) type Rates = SVector<f64, 6>;
 
-/// The angular frequency (rad/s) within the range of oscillations. `None` if it is not a number.
+/// The angular frequency (rad/s), limited to [`RAD_S`]. `None` if it is not a number.
 pub(super) fn frequency(rad_s: f64) -> Option<f64> {
     (!rad_s.is_nan()).then(|| rad_s.clamp(*RAD_S.start(), *RAD_S.end()))
 }
@@ -59,7 +59,7 @@ pub(super) struct Oscillator<const N: usize> {
 }
 
 impl<const N: usize> Oscillator<N> {
-    /// Takes a step of `dt_s` in which the equilibrium counts as constant, with the angular frequency without damping.
+    /// Advances by `dt_s`, during which the equilibrium counts as constant. `rad_s` is the angular frequency without damping.
     pub(super) fn advance(&mut self, equilibrium: &SVector<f64, N>, rad_s: f64, damping_s: f64, dt_s: f64) {
         let per_s = 0.5 * damping_s * rad_s.powi(2);
         let damped_rad_s = (rad_s.powi(2) - per_s.powi(2)).max(0.0).sqrt().max(LEAST_DAMPED * rad_s);
@@ -117,7 +117,7 @@ impl Ringing {
     /// The present response.
     pub(super) fn response(&self) -> Response {
         let Oscillator { value, rate } = self.response;
-        Response { now: value, apart: rate / self.rad_s, lag: self.lag, swing: SwingTilt::default() }
+        Response { now: value, apart: rate / self.rad_s, lag: self.lag }
     }
 
     /// Acceleration of the base at the last step.
@@ -135,17 +135,6 @@ pub(super) struct Response {
     pub(super) apart: Rates,
     /// Motion of the base (m, rad) during the time by which the elastic force lags behind.
     pub(super) lag: Rates,
-    /// Swing along an object.
-    pub(super) swing: SwingTilt,
-}
-
-/// Tilt of the normal by the swing of the wire along an object ([`super::motion::Swing`]), without the part by the acceleration of the
-/// base and without that by a damping that varies slowly.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct SwingTilt {
-    pub(super) rad: f64,
-    /// Sum of the squares of the tilt and of the amplitude of the oscillation (rad2).
-    pub(super) size_rad2: f64,
 }
 
 impl Response {
@@ -154,8 +143,6 @@ impl Response {
         self.now += (other.now - self.now) * share;
         self.apart += (other.apart - self.apart) * share;
         self.lag += (other.lag - self.lag) * share;
-        self.swing.rad += (other.swing.rad - self.swing.rad) * share;
-        self.swing.size_rad2 += (other.swing.size_rad2 - self.swing.size_rad2) * share;
     }
 }
 

@@ -45,8 +45,8 @@ use self::mode::Mode;
 use self::readings::{Mean, Readings};
 use self::search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
 use super::follower::{Follower, Tracker, Unrest};
-use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, Swing, TILT};
-use super::ringing::{Response, Ringing, SwingTilt};
+use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, Swing, SwingTilt, TILT};
+use super::ringing::Ringing;
 use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::Doubtful;
@@ -278,7 +278,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             && (!is_new || quadratic.cost < BETTER * round.least_cost)
         {
             (mode.about, mode.covariance) = (about, covariance);
-            mode.swing.go_on();
+            mode.swing.change_object();
             mode.excess = (quadratic.cost / round.means.len() as f64).max(1.0);
             round.log_evidence[round.mode] = quadratic.log_evidence(&mode.prior).unwrap_or(f64::NEG_INFINITY);
             round.least_cost = round.least_cost.min(quadratic.cost);
@@ -371,7 +371,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.ringing.advance(sample);
     }
 
-    /// Swing along the likeliest object.
+    /// Tilt by the swing along the likeliest object.
     fn swing(&self) -> SwingTilt {
         // The modes are sorted by weight.
         self.modes.first().map(|mode| mode.swing.tilt()).unwrap_or_default()
@@ -411,9 +411,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         };
         // The reading of the touch itself was detected by its size.
         if !is_first {
-            let (acceleration2, swing) = (self.unrest.second.trace(), self.swing());
-            let response = Response { swing, ..self.ringing.response() };
-            self.readings.keep(Mean::new(self.base, sample.reading_n_m, sample.dt_s, acceleration2, response));
+            let (acceleration2, response) = (self.unrest.second.trace(), self.ringing.response());
+            let reading = Mean::new(self.base, sample.reading_n_m, sample.dt_s, acceleration2, response);
+            self.readings.keep(reading.with(self.swing()));
         }
         self.tune();
         match &self.front {

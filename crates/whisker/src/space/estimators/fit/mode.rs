@@ -28,6 +28,7 @@ pub(super) struct Mode<Body, const N: usize> {
     pub(super) near: Around,
     /// Mean (rad) and variance of the tilt at the present instant.
     pub(super) tilt: (f64, f64),
+    /// Swing of the wire along the object.
     pub(super) swing: Swing,
     /// Angular frequency of the wire's oscillation along the object.
     pub(super) oscillation_rad_s: f64,

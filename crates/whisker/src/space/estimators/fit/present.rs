@@ -116,7 +116,10 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let KeptSample { base, sample, acceleration, response } = kept;
         let motion = mode.reference.then(&base.inverse());
         let object = mode.about.object(&motion);
-        let found = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0)?;
+        let Some(found) = mode.about.touched(side, model, (&object, &motion), mode.near, &mut 0) else {
+            mode.swing = Swing::default();
+            return None;
+        };
         let place = found.0;
         mode.near = place.at;
         // The entries about the object hardly change from pose to pose.
@@ -137,7 +140,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let contact = (&place, &found.1, &here);
         let dynamic = mode.about.dynamic_tilt(side, model, &motion, contact, response);
         mode.oscillation_rad_s = place.oscillation_rad_s(side, &of_tilt);
-        let equilibrium = mode.about.equilibrium((side, model), &motion, contact, (acceleration, &dynamic));
+        let equilibrium = mode.about.equilibrium((side, model), &motion, contact, acceleration, dynamic.damped_rad);
         let damping_s = side.calibrated.whisker.whisker.damping_s;
         mode.swing.advance(&equilibrium, mode.oscillation_rad_s, damping_s, sample.dt_s);
         let dynamic = dynamic.with(&mode.swing.tilt());

@@ -3,6 +3,7 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 use crate::frames::{Base, Start};
+use crate::space::estimators::motion::SwingTilt;
 use crate::space::estimators::ringing::Response;
 use crate::space::frames::{Pose, rotation_vector};
 
@@ -32,9 +33,10 @@ pub(super) struct Mean {
     pub(super) count: f64,
     duration_s: f64,
     stays: f64,
-    /// Mean square of the base's recent acceleration (m2/s4), and mean response of the wire.
+    /// Mean square of the base's recent acceleration (m2/s4), mean response of the wire, and mean swing along the likeliest object.
     pub(super) acceleration2: f64,
     pub(super) response: Response,
+    pub(super) swing: SwingTilt,
 }
 
 impl Mean {
@@ -58,7 +60,13 @@ impl Mean {
             stays: 1.0,
             acceleration2,
             response,
+            swing: SwingTilt::default(),
         }
+    }
+
+    /// The reading with the swing at its time.
+    pub(super) fn with(self, swing: SwingTilt) -> Self {
+        Self { swing, ..self }
     }
 
     /// Mean pose of the base.
@@ -91,6 +99,7 @@ impl Mean {
         self.reading_n_m += (other.reading_n_m - self.reading_n_m) * share;
         self.acceleration2 += (other.acceleration2 - self.acceleration2) * share;
         self.response.include(&other.response, share);
+        self.swing.include(&other.swing, share);
         self.duration_s += other.duration_s;
         self.stays = self.stays.max(other.stays);
         self.count = count;

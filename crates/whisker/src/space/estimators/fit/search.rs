@@ -148,7 +148,8 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let place = &found.0;
         *near = place.at;
         let (slopes, by_tilt, here) = about.contact_slopes(*shape, &motion, &found);
-        let dynamic = about.dynamic_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response);
+        let dynamic =
+            about.dynamic_tilt(side, *shape, &motion, (place, &found.1, &here), &mean.response).with(&mean.swing);
         let expected = side.expect(Around::of_state(&(near.vector() + by_tilt * dynamic.rad)));
         let by_contact = expected.slopes;
         let mut slopes = by_contact * slopes;

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use super::rolling::{MOST_TILT_RAD, Object, Place, STEP, Shape, TILT, stable_touch, step_of, stepped};
-use super::swing::Equilibrium;
+use super::swing::{Equilibrium, SwingTilt};
 use crate::frames::Base;
-use crate::space::estimators::ringing::{self, Rates, Response, SwingTilt};
+use crate::space::estimators::ringing::{self, Rates, Response};
 use crate::space::estimators::side::Side;
 use crate::space::frames::{Point, Pose, rotation_vector};
 use crate::space::sensor::Around;
@@ -33,12 +33,12 @@ pub(in crate::space::estimators) struct DynamicTilt {
     pub(in crate::space::estimators) rad: f64,
     /// Root of the sum of squares of the amplitude of the oscillation by inertia, of the tilt by damping, and of the swing.
     size_rad: f64,
-    /// Part by a damping that varies slowly.
-    damped_rad: f64,
+    /// Tilt by damping, as if the damping varied slowly.
+    pub(in crate::space::estimators) damped_rad: f64,
 }
 
 impl DynamicTilt {
-    /// The tilt with that by a swing of the wire.
+    /// The sum of this tilt and that by the swing of the wire.
     pub(in crate::space::estimators) fn with(self, swing: &SwingTilt) -> Self {
         Self { rad: self.rad + swing.rad, size_rad: self.size_rad.hypot(swing.size_rad2.sqrt()), ..self }
     }
@@ -124,27 +124,28 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         let lag = self.displacement(shape, motion, contact, (&response.lag, LAG_STEP));
         let damped_rad = clamped(found.turned_across(&lag));
         let size_rad = inertial_rad.hypot(by_inertia(&response.apart)).hypot(damped_rad);
-        DynamicTilt { rad: inertial_rad + damped_rad, size_rad, damped_rad }.with(&response.swing)
+        DynamicTilt { rad: inertial_rad + damped_rad, size_rad, damped_rad }
     }
 
-    /// The equilibrium of a contact at which the dynamic tilt is `dynamic`, while the base accelerates by `of_base`.
+    /// Equilibrium of the contact, given the acceleration of the base and the tilt by damping, as if the damping varied slowly.
     pub(in crate::space::estimators) fn equilibrium<Model: Shape<N, Object = Body>>(
         &self,
         (side, shape): (&Side, &Model),
         motion: &Pose<Base, Base>,
         contact: (&Place, &Matrix3<f64>, &Vector3<f64>),
-        (of_base, dynamic): (&Rates, &DynamicTilt),
+        of_base: &Rates,
+        damped_rad: f64,
     ) -> Equilibrium {
         let found = contact.0;
         Equilibrium {
             contact_m: found.contact,
             by_base_m_s2: self.relative_m_s2(shape, motion, contact, of_base),
             rad_per_m_s2: found.tilt_per_n() * side.masses(found.at).bent_kg,
-            damped_rad: dynamic.damped_rad,
+            damped_rad,
         }
     }
 
-    /// Acceleration of the contact relative to the base (m/s2), in Base, for this one of the base.
+    /// Acceleration of the contact relative to the base (m/s2), in Base, due to the acceleration `of_base` of the base.
     fn relative_m_s2<Model: Shape<N, Object = Body>>(
         &self,
         shape: &Model,
@@ -155,7 +156,8 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         contact.0.slopes * self.displacement(shape, motion, contact, (of_base, STEP_S2))
     }
 
-    /// Displacement of the contact, in the coordinates about the whisker, over the multiple by which the base is displaced.
+    /// Displacement of the contact, in the coordinates about the whisker, if the base is displaced by `multiple` times `of_base`, divided
+    /// by `multiple`.
     fn displacement<Model: Shape<N, Object = Body>>(
         &self,
         shape: &Model,

@@ -31,7 +31,7 @@ use stuck::Stuck;
 pub(super) use fitted::Fitted;
 pub(super) use resting::Resting;
 pub(super) use rolling::{Object, Shape, TILT, TILT_S, moved};
-pub(super) use swing::Swing;
+pub(super) use swing::{Swing, SwingTilt};
 
 /// A model of the contact's motion with a state of `N` entries.
 pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
