@@ -21,7 +21,7 @@ from pathlib import Path
 SUITE = "standard"
 RUN = "earlier"
 ROUNDS = 5
-SEEDS = 5
+SEEDS = 40
 COLUMNS = ("group", "whisker", "step_ns", "earlier_step_ns", "ratio", "least", "most", "rmse_m", "earlier_rmse_m")
 
 Sets = dict[tuple[str, str], dict[str, str]]
