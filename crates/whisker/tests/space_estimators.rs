@@ -505,6 +505,30 @@ fn verif_early_estimates_include_a_contact_that_slides() {
     }
 }
 
+/// The push of [`to_base`], which ends soon after the touch.
+fn short_push_to_base(row: u32) -> Pose<World, Base> {
+    to_base(row.min(54))
+}
+
+#[test]
+fn regress_readings_at_rest_do_not_determine_the_place_along_the_whisker() {
+    for (name, seed) in
+        ["line", "cylinder", "recommended"].into_iter().flat_map(|name| [(name, 1), (name, 2), (name, 3)])
+    {
+        let point = Around::new(0.030, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+        let (along, mut shift_m) = (Vector3::new(0.1, 0.2, 1.0).normalize(), 0.0);
+        let found = replayed_contacts(&STRAIGHT, name, (seed, ROWS), 1.0, short_push_to_base, |rod, to_base| {
+            Some(touched(rod, to_base, point, along, &mut shift_m))
+        });
+        let [early, (estimate, truth, _)] = [&found[20], found.last().unwrap()];
+        let sd_m = |estimate: &Estimate| estimate.covariance_m2.trace().sqrt();
+        assert!(sd_m(estimate) > 0.5 * sd_m(&early.0), "{name} {seed}: {} {}", sd_m(estimate), sd_m(&early.0));
+        let error = error(estimate, truth);
+        let squared = error.dot(&(estimate.covariance_m2.try_inverse().unwrap() * error));
+        assert!(squared < 16.0, "{name} {seed}: {error} {squared}");
+    }
+}
+
 #[test]
 fn verif_a_rod_is_located_after_the_whisker_has_slipped_to_another_one() {
     let axis = &STRAIGHT.calibrated.axis;

@@ -3,7 +3,8 @@
 //! Each candidate is a fit of an object to all readings. It gives its evidence, the marginal likelihood of the readings
 //! under its model, by Laplace's approximation (Kass and Raftery, "Bayes factors", JASA 90(430), 1995); prior and evidence give its
 //! posterior probability. Until the first fits have ended, the priors are the weights, and the estimate is that of a filter whose
-//! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The
+//! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The same
+//! filter takes the place of fits whose readings do not determine the contact, for example of a base at rest. The
 //! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. The
 //! more flexible a candidate, the smaller its prior. The models are in doubt if the innovations of the mixture are too large, as in
 //! the plane, or if the readings contradict the fits with more than half of the probability.
@@ -28,8 +29,8 @@ use crate::space::sensor::CalibratedSpace;
 /// object are the priors.
 const SAME_OBJECT: f64 = 0.5;
 
-/// Probability of the candidates with a fitted object above which the innovations of the mixture count for the signal of doubt.
-const FITTED: f64 = 0.9;
+/// Probability of the candidates whose contact is determined above which the innovations of the mixture count for the signal of doubt.
+const DETERMINED: f64 = 0.9;
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,8 +54,8 @@ struct Candidate {
 pub(super) struct Config {
     /// The candidates.
     candidates: Vec<Candidate>,
-    /// Filter whose estimate replaces those of candidates without a fitted object. Not used for real sensors, whose contact may
-    /// stick. `null`: such candidates keep the estimates of their own filters, which assume a contact at rest.
+    /// Filter whose estimate replaces those of candidates whose contact is not determined yet. Not used for real sensors, whose
+    /// contact may stick. `null`: such candidates keep their own estimates, at first those of filters that assume a contact at rest.
     early: Option<follower::Config>,
     /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
     /// model and of the ringing do.
@@ -210,7 +211,7 @@ struct Average {
     config: Arc<Config>,
     names: Vec<&'static str>,
     trackers: Vec<Box<dyn Tracker>>,
-    /// The early filter. It is reset while all candidates have a fitted object.
+    /// The early filter. It is reset while the contacts of all candidates are determined.
     early: Option<Box<dyn Tracker>>,
     /// Probabilities of the candidates at the first touch.
     first: Vec<f64>,
@@ -223,32 +224,37 @@ struct Average {
 }
 
 impl Average {
-    /// Probabilities of the candidates. One without evidence has the smallest of the others.
+    /// Probabilities of the candidates. One without evidence has the smallest of the others. Readings that contradict every object
+    /// have larger errors than their covariances say, by the least excess of the candidates, and the differences of the evidence
+    /// mean less by this factor (Burnham and Anderson, "Model selection and multimodel inference", 2002, section 2.5, on
+    /// overdispersed data).
     fn shares(&self) -> Vec<f64> {
         let trackers = self.trackers.iter().zip(&self.before);
         let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
+        let excesses = self.trackers.iter().map(|tracker| tracker.excess());
+        let power = self.config.evidence_power / excesses.fold(f64::INFINITY, f64::min);
         let share = |(prior, evidence): (&f64, &Option<f64>)| {
             let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
-            prior * (self.config.evidence_power * behind).exp()
+            prior * (power * behind).exp()
         };
         let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
     }
 
-    /// Replaces the estimates of candidates without a fitted object by that of the early filter.
+    /// Replaces the estimates of candidates whose contact is not determined by that of the early filter.
     fn replace_early(&mut self, sample: &Sample, estimates: &mut [Option<Estimate>]) {
         let Some(early) = &mut self.early else { return };
-        if self.trackers.iter().all(|tracker| tracker.is_fitted()) {
+        if self.trackers.iter().all(|tracker| tracker.is_determined()) {
             return early.forget();
         }
         let Some(estimate) = early.step(sample) else { return };
         // The early filter models any object as a rod, whose direction and radius are therefore not stated.
         let estimate = Estimate { direction: None, radius: None, ..estimate };
         for (of_candidate, tracker) in estimates.iter_mut().zip(&self.trackers) {
-            if !tracker.is_fitted() && of_candidate.is_some() {
+            if !tracker.is_determined() && of_candidate.is_some() {
                 *of_candidate = Some(estimate);
             }
         }
@@ -348,8 +354,8 @@ impl Tracker for Average {
         }
         let together = together?;
         let shares = self.trackers.iter().zip(self.shares());
-        let fitted: f64 = shares.filter(|(tracker, _)| tracker.is_fitted()).map(|(_, share)| share).sum();
-        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| fitted > FITTED));
+        let determined: f64 = shares.filter(|(tracker, _)| tracker.is_determined()).map(|(_, share)| share).sum();
+        self.doubtful.advance(&self.config.doubt, sample.dt_s, together.innovation.filter(|_| determined > DETERMINED));
         Some(self.doubted(together))
     }
 

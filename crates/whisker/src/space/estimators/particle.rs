@@ -119,6 +119,7 @@ impl<Model: Motion<N>, const N: usize> Particles<Model, N> {
             side: &self.side,
             acceleration_m_s2: self.unrest.second.trace().sqrt(),
             new_share: self.side.new_share(&sample.motion),
+            count: 1.0,
         };
         let belief = set.moments();
         // The error of the sensor model recurs at the same contact. If each particle had its own covariance, small residuals would

@@ -214,6 +214,8 @@ pub(super) struct ContactReading<'a> {
     pub(super) acceleration_m_s2: f64,
     /// Share of the error of the sensor model that counts as new since the previous reading.
     pub(super) new_share: f64,
+    /// Number of readings of which this is the mean.
+    pub(super) count: f64,
 }
 
 impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
@@ -227,7 +229,7 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
         let expected = self.side.expect(at);
         // Readings within twice the correlation length share one error, and determine the contact no better than one of them.
         let repeated_n2_m2 = expected.model_n2_m2 * (self.new_share.recip() - 1.0);
-        let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(1.0);
+        let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(self.count);
         once_n2_m2 + repeated_n2_m2 + Matrix2::identity() * inertia_n_m.powi(2)
     }
 

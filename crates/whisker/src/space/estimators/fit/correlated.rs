@@ -12,8 +12,9 @@ use crate::frames::Start;
 use crate::space::frames::Point;
 use crate::space::sensor::exponential;
 
-/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error.
-const LEAST_CHANGE: f64 = 0.1;
+/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error. The contacts of a
+/// calibration are millimetres apart: it says nothing about changes over shorter distances, such as those of stick-slip.
+const LEAST_CHANGE: f64 = 0.5;
 
 /// Mean of readings, normalised by its covariance, whose error is correlated with that of the next mean.
 #[derive(Clone, Copy, Debug)]

@@ -2,7 +2,6 @@
 
 use super::Fitter;
 use crate::frames::{Base, Start};
-use crate::space::estimators::follower::Tracker;
 use crate::space::estimators::motion::{Motion, Shape};
 use crate::space::estimators::ringing::{Rates, Response};
 use crate::space::estimators::{Estimate, Sample};

@@ -39,6 +39,7 @@ mod search;
 use filters::Gaussian;
 
 pub(super) use self::config::Config;
+
 use self::evidence::LogEvidence;
 use self::memory::Memory;
 use self::mode::Mode;
@@ -66,6 +67,10 @@ const SAME: f64 = 1.0;
 
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
+
+/// Standard deviation of the contact along the whisker below which the readings determine it. Chosen on random scenes in space that
+/// are not reported.
+const DETERMINED_M: f64 = 3e-3;
 
 /// Time after which a contradicted object is in doubt (s). While the means are few, a search from another start has ended by then.
 const DOUBTED_S: f64 = 0.2;
@@ -360,6 +365,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(most + total.ln() + means as f64)
     }
 
+    /// Whether the first searches have ended, so that the estimates are those of the fitted object.
+    fn is_fitted(&self) -> bool {
+        self.front.is_none()
+    }
+
     /// Whether the readings have contradicted all modes for more than [`DOUBTED_S`].
     fn is_contradicted(&self) -> bool {
         self.contradicted_s.is_some_and(|duration_s| duration_s > DOUBTED_S)
@@ -487,11 +497,17 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         self.earlier == Earlier::Contradicted
     }
 
-    fn is_fitted(&self) -> bool {
-        self.front.is_none()
+    fn is_determined(&self) -> bool {
+        let variances_m2 = self.modes.first().map(|mode| mode.covariance[(0, 0)]);
+        self.is_fitted() && variances_m2.is_some_and(|along_m2| along_m2 < DETERMINED_M.powi(2))
     }
 
     fn log_evidence(&self) -> Option<f64> {
         self.log_evidence.total()
+    }
+
+    fn excess(&self) -> f64 {
+        // The modes are sorted by weight.
+        self.modes.first().map_or(1.0, |mode| mode.excess)
     }
 }

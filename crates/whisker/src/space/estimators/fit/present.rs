@@ -7,7 +7,6 @@ use super::memory::KeptSample;
 use super::mode::Mode;
 use super::{Earlier, Fitter, LOST_S};
 use crate::doubt::DoubtSettings;
-use crate::space::estimators::follower::Tracker;
 use crate::space::estimators::motion::{Motion, Shape, Swing, TILT, TILT_S};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::sensor::Around;
