@@ -6,8 +6,8 @@ Both are checkouts with the built program (`cargo build --release -p whisker-cli
 (`whisker simulate scenes/suites/standard.json --out datasets/standard`, `whisker fit scenes/suites/standard.json`). In each round
 both programs evaluate the suite, in turn; a ratio of times is computed within a round, so that drift of the machine's speed
 cancels. FILE contains settings of the estimators for NOW, as for `whisker evaluate --config`; EARLIER runs with its defaults.
-Writes CSV to stdout: the median step of either over the rounds (ns), median, least and largest ratio of the times, and the RMS
-errors (m) of all seeds.
+Writes CSV to stdout: the median step of either over the rounds (ns), median, least and largest ratio of the times, and the median
+RMSE (m) over the seeds.
 """
 
 import argparse

@@ -529,6 +529,25 @@ fn regress_readings_at_rest_do_not_determine_the_place_along_the_whisker() {
     }
 }
 
+/// The same, which then goes on by 7 µm from row to row: three readings are those of one stay.
+fn slow_to_base(row: u32) -> Pose<World, Base> {
+    let way =
+        Pose::<Base, Base>::new(Vector3::new(0.0, -4e-6, 6e-6) * f64::from(row.max(80) - 80), Rotation3::identity());
+    to_base(row.min(80)).then(&way)
+}
+
+#[test]
+fn verif_no_motion_is_lost_between_slow_readings() {
+    let point = Around::new(0.048, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+    let found = replayed_contacts(&STRAIGHT, "point", (3, 3 * ROWS), 0.1, slow_to_base, |rod, to_base| {
+        Some(touched(rod, to_base, point, Vector3::zeros(), &mut 0.0))
+    });
+    for (estimate, truth, row) in &found[found.len() - 100..] {
+        let error = error(estimate, truth);
+        assert!(error.norm() < 0.2e-3, "{row}: {error}");
+    }
+}
+
 #[test]
 fn verif_a_rod_is_located_after_the_whisker_has_slipped_to_another_one() {
     let axis = &STRAIGHT.calibrated.axis;

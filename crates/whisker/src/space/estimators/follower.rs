@@ -2,15 +2,15 @@
 
 use filters::iterated::{self, Search};
 use filters::{Bank, Gaussian, Innovation, robust};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::motion::{AnyMotion, Motion, MotionSettings};
 use super::side::{ContactReading, Side};
+use super::stay::Stay;
 use super::{Estimate, Knowledge, Sample, start};
-use crate::frames::Base;
 use crate::settings::{Settings, SettingsError, within};
-use crate::space::frames::{Point, Pose};
+use crate::space::frames::Point;
 
 /// Settings of an estimator in space.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,7 +85,7 @@ pub(super) trait Tracker: Send {
 
     /// Whether the estimates are those of a fitted object, and the readings determine the place of the contact along the whisker. A
     /// fit begins with a filter of a contact at rest, whose innovations say nothing about the model of the object; and as long as
-    /// the place is not determined, its distribution is far from a normal one, as which a fit states it.
+    /// the place is not determined, its distribution is far from the normal one that a fit states.
     fn is_determined(&self) -> bool {
         true
     }
@@ -97,8 +97,9 @@ pub(super) trait Tracker: Send {
     }
 
     /// Scatter of the readings about the fitted object relative to the expected one: 1, or more if they contradict the object.
-    fn excess(&self) -> f64 {
-        1.0
+    /// `None` without a fitted object.
+    fn excess(&self) -> Option<f64> {
+        None
     }
 }
 
@@ -111,64 +112,9 @@ pub(super) struct Follower<Model, const N: usize> {
     near_m: Option<f64>,
     /// `None` before the first step.
     bank: Option<Bank<N>>,
+    /// Readings at the present pose of the base. `None` at the first step.
     stay: Option<Stay<N>>,
     unrest: Unrest,
-}
-
-/// Largest displacement of the base within a stay.
-const STAY_M: f64 = 20e-6;
-
-/// Motion of the base over some time.
-#[derive(Clone, Copy)]
-struct Way {
-    motion: Pose<Base, Base>,
-    duration_s: f64,
-}
-
-impl Way {
-    fn none() -> Self {
-        Self { motion: Pose::identity(), duration_s: 0.0 }
-    }
-
-    fn then(&self, sample: &Sample) -> Self {
-        Self { motion: self.motion.then(&sample.motion), duration_s: self.duration_s + sample.dt_s }
-    }
-}
-
-/// Readings at one pose of the base. They say no more about the contact than their mean: taken one by one, each would be linearised
-/// at another contact, and together they would determine the place along the whisker, which two moments leave open.
-struct Stay<const N: usize> {
-    /// The hypotheses before the first of the readings.
-    before: Bank<N>,
-    /// Motion since then, since the first reading, and since the last update.
-    through: Way,
-    within: Way,
-    later: Way,
-    /// Mean and number of the readings.
-    mean_n_m: Vector2<f64>,
-    count: u32,
-    new_share: f64,
-}
-
-impl<const N: usize> Stay<N> {
-    /// A stay that begins with a reading, after a way from the last update to the reading before.
-    fn new(before: Bank<N>, way: Way, sample: &Sample, new_share: f64) -> Self {
-        let (within, later) = (Way::none(), Way::none());
-        Self { before, through: way.then(sample), within, later, mean_n_m: sample.reading_n_m, count: 1, new_share }
-    }
-
-    /// Includes a reading, unless the base has left the pose. `middle` is the middle of the undeflected whisker.
-    fn includes(&mut self, sample: &Sample, middle: &Point<Base>) -> bool {
-        let within = self.within.then(sample);
-        let root_m = within.motion.origin().vector().norm();
-        if root_m.max(within.motion.apply(*middle).distance(middle)) > STAY_M {
-            return false;
-        }
-        (self.within, self.through, self.later) = (within, self.through.then(sample), self.later.then(sample));
-        self.count += 1;
-        self.mean_n_m += (sample.reading_n_m - self.mean_n_m) / f64::from(self.count);
-        true
-    }
 }
 
 impl AnyMotion for Config {
@@ -240,28 +186,20 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
 
     /// Takes a sample. Returns the innovation of the mixture, or `None` if there was no update.
     fn advance(&mut self, bank: &mut Bank<N>, sample: &Sample) -> Option<Innovation<2>> {
-        let continues = self.stay.as_mut().is_some_and(|stay| stay.includes(sample, &self.side.middle));
+        let stays = self.stay.as_mut().is_some_and(|stay| stay.includes(&self.side, sample));
         let mut stay = match self.stay.take() {
-            // Each update begins with all hypotheses again, so that updates at every reading would take long.
-            Some(stay) if continues && !stay.count.is_power_of_two() => {
-                self.stay = Some(stay);
-                return None;
-            }
-            Some(stay) if continues => {
-                bank.copy_from(&stay.before);
-                stay
-            }
-            last => {
-                let later = last.as_ref().map_or_else(Way::none, |last| last.later);
-                let mut before = last.map_or_else(|| bank.clone(), |last| last.before);
-                before.copy_from(bank);
-                Stay::new(before, later, sample, self.side.new_share(&sample.motion))
-            }
+            Some(stay) if stays => stay,
+            earlier => Stay::new(bank, earlier, sample),
         };
-        stay.later = Way::none();
-        let Way { motion, duration_s } = stay.through;
-        let through = Sample { motion, dt_s: duration_s, reading_n_m: stay.mean_n_m };
-        let process = self.model.step(&self.side, &through, &self.unrest.second);
+        let innovation = if stay.begin_update(bank) { self.update(bank, &stay) } else { None };
+        self.stay = Some(stay);
+        innovation
+    }
+
+    /// Propagates the hypotheses before a stay to its pose and conditions them on its mean reading.
+    fn update(&self, bank: &mut Bank<N>, stay: &Stay<N>) -> Option<Innovation<2>> {
+        let mean = stay.mean();
+        let process = self.model.step(&self.side, &mean, &self.unrest.second);
         bank.predict(|belief| {
             iterated::predict(belief, &process);
             Ok(())
@@ -271,11 +209,11 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         let reading = ContactReading {
             side: &self.side,
             acceleration_m_s2: self.unrest.second.trace().sqrt(),
-            new_share: stay.new_share,
-            count: f64::from(stay.count),
+            new_share: self.side.new_share(&mean.motion),
+            count: stay.count(),
         };
         let innovation = bank.update(|belief| {
-            robust::update_vector(belief, &reading, gate_sds, &through.reading_n_m, |belief, reading, z| {
+            robust::update_vector(belief, &reading, gate_sds, &mean.reading_n_m, |belief, reading, z| {
                 iterated::update(belief, reading, &search, z)
             })
         });
@@ -285,7 +223,6 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         }
         bank.merge(merge_loss);
         bank.map(|belief| self.side.hold(&mut belief.mean));
-        self.stay = Some(stay);
         innovation.ok()
     }
 }
@@ -294,7 +231,10 @@ impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.unrest.advance(sample, 0.5 * self.side.length_m());
         let (bank, innovation) = match self.bank.take() {
-            None => (self.begin(sample), None),
+            None => {
+                self.stay = None;
+                (self.begin(sample), None)
+            }
             Some(mut bank) => {
                 let innovation = self.advance(&mut bank, sample);
                 (bank, innovation)
@@ -321,6 +261,8 @@ mod tests {
     use nalgebra::{Rotation3, Vector2};
 
     use super::*;
+    use crate::space::frames::Pose;
+
     #[test]
     fn verif_the_second_moment_is_that_of_the_base_s_acceleration() {
         const DT_S: f64 = 4e-3;

@@ -26,6 +26,7 @@ mod particle;
 mod ringing;
 mod side;
 mod start;
+mod stay;
 
 use std::sync::Arc;
 

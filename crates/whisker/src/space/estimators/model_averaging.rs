@@ -224,17 +224,16 @@ struct Average {
 }
 
 impl Average {
-    /// Probabilities of the candidates. One without evidence has the smallest of the others. Readings that contradict every object
-    /// have larger errors than their covariances say, by the least excess of the candidates, and the differences of the evidence
-    /// mean less by this factor (Burnham and Anderson, "Model selection and multimodel inference", 2002, section 2.5, on
-    /// overdispersed data).
+    /// Probabilities of the candidates. One without evidence has the smallest of the others. If the readings contradict all objects,
+    /// differences of the log evidence are divided by the smallest excess, as for overdispersed data (Burnham and Anderson, "Model
+    /// selection and multimodel inference", 2002, section 2.5).
     fn shares(&self) -> Vec<f64> {
         let trackers = self.trackers.iter().zip(&self.before);
         let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let excesses = self.trackers.iter().map(|tracker| tracker.excess());
-        let power = self.config.evidence_power / excesses.fold(f64::INFINITY, f64::min);
+        let excess = self.trackers.iter().filter_map(|tracker| tracker.excess()).reduce(f64::min).unwrap_or(1.0);
+        let power = self.config.evidence_power / excess;
         let share = |(prior, evidence): (&f64, &Option<f64>)| {
             let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
             prior * (power * behind).exp()

@@ -13,7 +13,7 @@ use crate::space::frames::Point;
 use crate::space::sensor::exponential;
 
 /// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error. The contacts of a
-/// calibration are millimetres apart: it says nothing about changes over shorter distances, such as those of stick-slip.
+/// calibration are millimetres apart and do not determine changes over shorter distances, such as those by stick-slip.
 const LEAST_CHANGE: f64 = 0.5;
 
 /// Mean of readings, normalised by its covariance, whose error is correlated with that of the next mean.

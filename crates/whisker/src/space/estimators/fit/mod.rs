@@ -68,8 +68,8 @@ const SAME: f64 = 1.0;
 /// Cost per mean, relative to its expectation, above which the readings contradict all modes and another start is searched.
 const CONTRADICTED: f64 = 2.0;
 
-/// Standard deviation of the contact along the whisker below which the readings determine it. Chosen on random scenes in space that
-/// are not reported.
+/// Standard deviation of the contact along the whisker, at the reference pose of the likeliest mode, below which the readings
+/// determine it. Chosen on random scenes in space that are not reported.
 const DETERMINED_M: f64 = 3e-3;
 
 /// Time after which a contradicted object is in doubt (s). While the means are few, a search from another start has ended by then.
@@ -506,8 +506,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         self.log_evidence.total()
     }
 
-    fn excess(&self) -> f64 {
+    fn excess(&self) -> Option<f64> {
         // The modes are sorted by weight.
-        self.modes.first().map_or(1.0, |mode| mode.excess)
+        self.modes.first().filter(|_| self.is_fitted()).map(|mode| mode.excess)
     }
 }
