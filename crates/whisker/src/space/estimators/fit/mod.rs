@@ -498,8 +498,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     }
 
     fn is_determined(&self) -> bool {
-        let variances_m2 = self.modes.first().map(|mode| mode.covariance[(0, 0)]);
-        self.is_fitted() && variances_m2.is_some_and(|along_m2| along_m2 < DETERMINED_M.powi(2))
+        // The modes are sorted by weight.
+        let likeliest = self.modes.first().filter(|_| self.is_fitted());
+        likeliest.is_some_and(|mode| mode.covariance[(0, 0)] < DETERMINED_M.powi(2))
     }
 
     fn log_evidence(&self) -> Option<f64> {
