@@ -365,7 +365,8 @@ def test_verif_a_replay_has_normals_directions_models_and_surface(trial):
     line, mixed = trial.replay("line"), trial.replay("recommended")
     touching = line.touching
     assert np.linalg.norm(line.direction[touching], axis=1) == pytest.approx(1.0)
-    assert np.allclose(line.direction, line.direction_world, equal_nan=True)
+    # The base of this trace turns by 2e-7 rad.
+    assert np.allclose(line.direction, line.direction_world, atol=1e-6, equal_nan=True)
     assert (line.direction_sd_rad[touching] > 0.0).all()
     assert line.calibrated[touching].any()
     assert not line.calibrated[~touching].any()

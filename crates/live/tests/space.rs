@@ -142,7 +142,8 @@ fn verif_poses_in_space_at_other_times_are_interpolated() {
     for (answer, replayed) in answers.iter().zip(&replayed) {
         if let (Some(found), Some(expected)) = (answer.estimate, replayed) {
             let distance_m = found.contact.distance(&expected.contact);
-            assert!(distance_m < 2e-5, "{distance_m} m at {} s", answer.t_s);
+            // Readings whose base moves by less than 20 um count as their mean. With interpolated poses, others belong together.
+            assert!(distance_m < 4e-5, "{distance_m} m at {} s", answer.t_s);
             compared += 1;
         }
     }
