@@ -370,7 +370,9 @@ def test_verif_a_replay_has_normals_directions_models_and_surface(trial):
     assert (line.direction_sd_rad[touching] > 0.0).all()
     assert line.calibrated[touching].any()
     assert not line.calibrated[~touching].any()
-    assert (line.nis[touching][1:] >= 0.0).all()
+    # While the base is at rest, not every reading updates the filter.
+    nis = line.nis[touching][1:]
+    assert (nis[np.isfinite(nis)] >= 0.0).all() and np.isfinite(nis).any()
     assert line.models == {}
     assert np.allclose(line.normal_covariance, line.normal_covariance.transpose(0, 2, 1), equal_nan=True)
     wire_m = np.linalg.norm(line.contact_world - line.surface_world, axis=1)[touching]
