@@ -112,8 +112,9 @@ pub(super) struct Follower<Model, const N: usize> {
     near_m: Option<f64>,
     /// `None` before the first step.
     bank: Option<Bank<N>>,
-    /// Readings at the present pose of the base. `None` at the first step.
+    /// Readings at the present pose of the base, and innovation of the last update. `None` at the first step.
     stay: Option<Stay<N>>,
+    innovation: Option<Innovation<2>>,
     unrest: Unrest,
 }
 
@@ -155,7 +156,7 @@ impl Unrest {
 impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
     pub(super) fn new(config: &Config, model: Model, knowledge: &Knowledge) -> Self {
         let (side, unrest) = (Side::new(knowledge), Unrest::default());
-        Self { config: *config, model, side, near_m: None, bank: None, stay: None, unrest }
+        Self { config: *config, model, side, near_m: None, bank: None, stay: None, innovation: None, unrest }
     }
 
     /// The same for a contact that has slipped from the arc length `near_m`, with the recent acceleration of the base.
@@ -184,19 +185,20 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         Bank::new(places.iter().flat_map(parts))
     }
 
-    /// Takes a sample. Returns the innovation of the mixture, or `None` if there was no update.
-    fn advance(&mut self, bank: &mut Bank<N>, sample: &Sample) -> Option<Innovation<2>> {
+    fn advance(&mut self, bank: &mut Bank<N>, sample: &Sample) {
         let stays = self.stay.as_mut().is_some_and(|stay| stay.includes(&self.side, sample));
         let mut stay = match self.stay.take() {
             Some(stay) if stays => stay,
             earlier => Stay::new(bank, earlier, sample),
         };
-        let innovation = if stay.begin_update(bank) { self.update(bank, &stay) } else { None };
+        if stay.begin_update(bank) {
+            self.innovation = self.update(bank, &stay);
+        }
         self.stay = Some(stay);
-        innovation
     }
 
-    /// Propagates the hypotheses before a stay to its pose and conditions them on its mean reading.
+    /// Propagates the hypotheses before a stay to its pose and conditions them on its mean reading. Returns the innovation of the
+    /// mixture.
     fn update(&self, bank: &mut Bank<N>, stay: &Stay<N>) -> Option<Innovation<2>> {
         let mean = stay.mean();
         let process = self.model.step(&self.side, &mean, &self.unrest.second);
@@ -230,19 +232,19 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
 impl<Model: Motion<N>, const N: usize> Tracker for Follower<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.unrest.advance(sample, 0.5 * self.side.length_m());
-        let (bank, innovation) = match self.bank.take() {
+        let bank = match self.bank.take() {
             None => {
-                self.stay = None;
-                (self.begin(sample), None)
+                (self.stay, self.innovation) = (None, None);
+                self.begin(sample)
             }
             Some(mut bank) => {
-                let innovation = self.advance(&mut bank, sample);
-                (bank, innovation)
+                self.advance(&mut bank, sample);
+                bank
             }
         };
         let belief = bank.moments()?;
         self.bank = Some(bank);
-        let mut estimate = self.side.estimate(&belief, innovation)?;
+        let mut estimate = self.side.estimate(&belief, self.innovation)?;
         self.model.describe(&self.side, &belief, &mut estimate);
         Some(estimate)
     }

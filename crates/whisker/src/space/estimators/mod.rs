@@ -72,7 +72,7 @@ pub struct Estimate {
     pub radius: Option<Radius>,
     /// Whether the contact lies within the calibrated domain.
     pub calibrated: bool,
-    /// Innovation of this reading. `None` at the touch, and for readings at rest that do not update a filter.
+    /// Innovation of the last update. `None` at the touch.
     pub innovation: Option<Innovation<2>>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,

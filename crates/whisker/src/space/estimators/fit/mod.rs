@@ -39,7 +39,6 @@ mod search;
 use filters::Gaussian;
 
 pub(super) use self::config::Config;
-
 use self::evidence::LogEvidence;
 use self::memory::Memory;
 use self::mode::Mode;
