@@ -378,7 +378,7 @@ def test_verif_a_replay_has_normals_directions_models_and_surface(trial):
     assert np.allclose(line.normal_covariance, line.normal_covariance.transpose(0, 2, 1), equal_nan=True)
     wire_m = np.linalg.norm(line.contact_world - line.surface_world, axis=1)[touching]
     assert wire_m == pytest.approx(0.125e-3, rel=1e-6)
-    assert list(mixed.models) == ["cylinder-fit", "line-fit", "patch-fit", "sphere-fit"]
+    assert list(mixed.models) == ["cone-fit", "line-fit", "patch-fit", "sphere-fit"]
     total = sum(mixed.models.values())
     assert total[mixed.touching] == pytest.approx(1.0)
     assert np.isnan(total[~mixed.touching]).all()

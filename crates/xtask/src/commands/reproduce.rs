@@ -28,7 +28,8 @@ const ARM: &str = "arm";
 
 /// Suite of scenes in space, the estimators whose scores the documentation shows, and the seeds of their measurement noise.
 const SPACE: &str = "spatial";
-const SPACE_ESTIMATORS: &str = "line,cylinder,sphere,line-fit,cylinder-fit,sphere-fit,recommended,batch-recommended";
+const SPACE_ESTIMATORS: &str =
+    "line,cylinder,sphere,line-fit,cylinder-fit,cone-fit,sphere-fit,recommended,batch-recommended";
 const SPACE_SEEDS: u32 = 20;
 
 /// Random scenes in space, and the seeds of their measurement noise.

@@ -349,7 +349,7 @@ pub struct SpatialEstimatorRow {
 pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
     SpatialEstimatorRow {
         name: "recommended",
-        about: "average, weighted by evidence, of fits of rods, spheres, surfaces of two curvatures and, on real sensors, points",
+        about: "average, weighted by evidence, of fits of rods, cones, spheres, surfaces of two curvatures and, on real sensors, points",
         kind: Kind::Average,
     },
     SpatialEstimatorRow {
@@ -401,6 +401,11 @@ pub static SPATIAL_ESTIMATORS: &[SpatialEstimatorRow] = &[
         name: "cylinder-fit",
         about: "fit of a round rod of any radius to all readings",
         kind: Kind::Fit(MotionSettings::fitted_cylinder),
+    },
+    SpatialEstimatorRow {
+        name: "cone-fit",
+        about: "fit of a cone of any half angle and radius to all readings",
+        kind: Kind::Fit(MotionSettings::cone),
     },
     SpatialEstimatorRow {
         name: "sphere-fit",

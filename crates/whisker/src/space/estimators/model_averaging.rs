@@ -109,7 +109,7 @@ impl Default for Config {
             real_sensors_only: name == "point-fit",
         };
         let weights =
-            [("line-fit", 10.0), ("cylinder-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 100.0)];
+            [("line-fit", 10.0), ("cone-fit", 10.0), ("sphere-fit", 5.0), ("patch-fit", 1.0), ("point-fit", 100.0)];
         Self {
             candidates: weights.map(candidate).into(),
             early: Some(follower::Config::new(MotionSettings::fitted_cylinder())),

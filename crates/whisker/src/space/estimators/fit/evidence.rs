@@ -9,6 +9,8 @@ pub(super) struct LogEvidence {
     pub(super) since: f64,
     /// That of the readings before the fit began anew. `None` if it never did.
     before: Option<f64>,
+    /// That of all readings after the last round in which they did not contradict the object. `None` if there was none.
+    consistent: Option<f64>,
 }
 
 impl LogEvidence {
@@ -27,6 +29,21 @@ impl LogEvidence {
             Some(_) => Self { round, since, ..*self },
             None => *self,
         }
+    }
+
+    /// The same, of readings that do not contradict the object.
+    pub(super) fn consistent(&self) -> Self {
+        Self { consistent: self.total(), ..*self }
+    }
+
+    /// How much smaller the evidence is than when the readings did not contradict the object. 0 if they always did.
+    pub(super) fn lost(&self) -> f64 {
+        self.consistent.zip(self.total()).map_or(0.0, |(consistent, total)| (consistent - total).max(0.0))
+    }
+
+    /// That of a fit which began anew, without a loss before.
+    pub(super) fn forgiven(&self, lost: f64) -> Self {
+        Self { before: self.before.map(|before| before + lost), ..*self }
     }
 
     /// That of a fit which begins anew.
@@ -58,5 +75,15 @@ mod tests {
         (anew.round, anew.since) = (Some(-5.0), 1.0);
         assert_eq!(anew.total(), Some(-104.0));
         assert_eq!(anew.anew().total(), Some(-104.0));
+    }
+    #[test]
+    fn verif_what_a_contradiction_took_away_can_be_forgiven() {
+        let first = LogEvidence::default().after(Some(-80.0), 0.0);
+        assert_eq!(first.lost(), 0.0, "contradicted from the beginning");
+        let contradicted = first.consistent().after(Some(-300.0), -20.0);
+        assert_eq!(contradicted.lost(), 240.0);
+        let anew = contradicted.anew().after(Some(-10.0), 0.0);
+        assert_eq!((anew.total(), anew.lost()), (Some(-330.0), 0.0));
+        assert_eq!(anew.forgiven(240.0).total(), Some(-90.0));
     }
 }

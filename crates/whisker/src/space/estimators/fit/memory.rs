@@ -54,6 +54,34 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(memory)
     }
 
+    /// The memory of a second fit, begun later, that takes the place of this one. Since the readings contradict this fit, it revises no
+    /// sample: the object of the second one is to explain the samples before it, backwards to the first that it does not explain, and
+    /// the causal estimates of the others are kept.
+    pub(super) fn followed_by(&mut self, successor: &mut Self) -> Option<Memory> {
+        let Memory { mut revised, mut samples } = self.memory.take()?;
+        let later = successor.memory.take()?;
+        samples.truncate(samples.len() - later.revised.len() - later.samples.len());
+        if let Some(last) = samples.last() {
+            // The Base of this sample is the Start of the second fit.
+            let anew: Pose<Start, Start> = last.base.inverse().then(&Pose::identity());
+            samples.iter_mut().for_each(|kept| kept.base = kept.base.then(&anew));
+        }
+        samples.reverse();
+        let is_explained = |estimate: &&Option<Estimate>| {
+            let innovation = estimate.and_then(|estimate| estimate.innovation);
+            innovation.is_some_and(|innovation| innovation.nis < self.config.gate_sds.powi(2))
+        };
+        // A second fit that has begun anew itself has lost the object of these samples.
+        let found = if later.revised.is_empty() { successor.revisited(&samples) } else { Vec::new() };
+        let explained = found.iter().take_while(is_explained).count();
+        revised.resize(revised.len() + samples.len() - explained, None);
+        revised.extend(later.revised);
+        samples.truncate(explained);
+        samples.reverse();
+        samples.extend(later.samples);
+        Some(Memory { revised, samples })
+    }
+
     /// Returns the estimates of all samples of the touch and discards the samples. `None` if there are none.
     pub(super) fn revised(&mut self) -> Option<Vec<Option<Estimate>>> {
         let memory = self.memory.as_mut()?;

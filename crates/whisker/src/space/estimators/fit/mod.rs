@@ -25,7 +25,7 @@
 //!
 //! The fit ([`Fitter`]) keeps [`readings`], from which searches ([`search`]) find its modes ([`mode`]). The modes state the present
 //! contact ([`present`]) and the evidence of the model ([`evidence`]). In hindsight, they state the contact at every sample of a touch
-//! ([`memory`]).
+//! ([`memory`]). While the readings contradict the object, a second fit is made to the later ones ([`successor`]).
 
 mod config;
 mod correlated;
@@ -35,6 +35,7 @@ mod mode;
 mod present;
 mod readings;
 mod search;
+mod successor;
 
 use filters::Gaussian;
 
@@ -44,6 +45,7 @@ use self::memory::Memory;
 use self::mode::Mode;
 use self::readings::{Mean, Readings};
 use self::search::{Evidence, MOST_TRIALS, Prior, START_TRIALS, Search};
+use self::successor::Successor;
 use super::follower::{Follower, Tracker, Unrest};
 use super::motion::{Fitted, Motion, MotionSettings, Place, Resting, Shape, Swing, SwingTilt, TILT};
 use super::ringing::Ringing;
@@ -147,6 +149,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     contradicted_s: Option<f64>,
     /// Samples of the present touch. `None` if they are not kept.
     memory: Option<Memory>,
+    /// Fit to the later readings, while the readings contradict this one.
+    successor: Option<Successor<Model, N>>,
 }
 
 /// Whether a touch is one of the object that was touched before.
@@ -186,6 +190,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             log_evidence: LogEvidence::default(),
             contradicted_s: None,
             memory: None,
+            successor: None,
         }
     }
 
@@ -297,6 +302,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
                 self.start_again();
             } else {
                 self.contradicted_s = None;
+                self.log_evidence = self.log_evidence.consistent();
             }
         } else {
             self.round =
@@ -402,10 +408,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             self.ringing.set_frequency(rad_s);
         }
     }
-}
 
-impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
-    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+    /// Takes one sample of a touch; see [`Tracker::step`].
+    fn advance(&mut self, sample: &Sample) -> Option<Estimate> {
         self.base = sample.motion.inverse().then(&self.base);
         self.elapsed_s += sample.dt_s;
         self.accelerate(sample);
@@ -453,9 +458,18 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         }
         estimate
     }
+}
+
+impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
+    fn step(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimate = self.advance(sample);
+        self.succeed(sample);
+        estimate
+    }
 
     fn release(&mut self, sample: &Sample) {
         let has_touched = !self.is_first;
+        self.successor = None;
         if has_touched && self.is_fitted() {
             (self.released, self.before_s) = (self.base, self.elapsed_s);
             self.readings.leave();

@@ -2,6 +2,7 @@
 //!
 //! The state begins with the contact's coordinates `(s, u, v)`; a model may append properties of the object.
 
+mod cone;
 mod fitted;
 mod line;
 mod patch;
@@ -20,6 +21,7 @@ use super::follower::Tracker;
 use super::side::Side;
 use super::{Estimate, Knowledge, Radius, Sample};
 use crate::settings::{SettingsError, within};
+use cone::Cone;
 use line::Line;
 use rolling::Axes;
 pub(super) use rolling::Place;
@@ -66,6 +68,8 @@ pub(super) enum MotionSettings {
     Resting(Resting),
     /// The contact slides along a straight rod or edge at rest.
     Line(Line),
+    /// The contact slides over a cone at rest.
+    Cone(Cone),
     /// The contact slides over a sphere at rest.
     Sphere(Sphere),
     /// The contact slides over a surface of two principal curvatures at rest.
@@ -89,6 +93,10 @@ impl MotionSettings {
         Self::Line(Line { radius: RadiusPrior::ANY_FITTED, ..Line::default() })
     }
 
+    pub(super) fn cone() -> Self {
+        Self::Cone(Cone::default())
+    }
+
     pub(super) fn patch() -> Self {
         Self::Patch(Patch::default())
     }
@@ -102,6 +110,7 @@ impl MotionSettings {
         match self {
             Self::Resting(model) => model.validate(),
             Self::Line(model) => model.validate(),
+            Self::Cone(model) => model.validate(),
             Self::Sphere(model) => model.validate(),
             Self::Patch(model) => model.validate(),
         }
@@ -112,6 +121,7 @@ impl MotionSettings {
         match self {
             Self::Resting(model) => method.begin_with(model, knowledge),
             Self::Line(model) => method.begin_with(model, knowledge),
+            Self::Cone(model) => method.begin_with(model, knowledge),
             Self::Sphere(model) => method.begin_with(model, knowledge),
             Self::Patch(model) => method.begin_with(model, knowledge),
         }
@@ -122,6 +132,7 @@ impl MotionSettings {
         match self {
             Self::Resting(model) => Box::new(Fitter::<Stuck, 4>::new(config, Stuck(model), knowledge)),
             Self::Line(model) => Box::new(Fitter::<Line, 6>::new(config, model, knowledge)),
+            Self::Cone(model) => Box::new(Fitter::<Cone, 7>::new(config, model, knowledge)),
             Self::Sphere(model) => Box::new(Fitter::<Sphere, 5>::new(config, model, knowledge)),
             Self::Patch(model) => Box::new(Fitter::<Patch, 7>::new(config, model, knowledge)),
         }
