@@ -463,7 +463,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimate = self.advance(sample);
-        self.succeed(sample);
+        self.succeed(sample, estimate.is_some());
         estimate
     }
 

@@ -21,13 +21,17 @@ pub(super) struct Successor<Model: Shape<N>, const N: usize> {
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// Begins or continues the second fit with the present sample, which this fit has taken. It takes the place of this one once it
-    /// has settled and explains the readings better, without contradiction.
-    pub(super) fn succeed(&mut self, sample: &Sample) {
+    /// has settled and explains the readings better, without contradiction; but not where this fit states no contact: beyond the
+    /// calibrated domain, the readings contradict the true object too.
+    pub(super) fn succeed(&mut self, sample: &Sample, is_stated: bool) {
         if !self.is_fitted() || !self.is_contradicted() {
             self.successor = None;
             return;
         }
         let Some(Successor { mut fit, lost }) = self.successor.take() else {
+            if !is_stated {
+                return;
+            }
             let memory = self.memory.as_ref().map(|_| Default::default());
             let fit = Box::new(Self { memory, ..self.anew() });
             self.successor = Some(Successor { fit, lost: self.log_evidence.lost() });
@@ -35,7 +39,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         };
         fit.advance(sample);
         let has_settled = fit.is_fitted() && fit.elapsed_s > self.config.start_s + SETTLED_S;
-        if has_settled && fit.contradicted_s.is_none() && fit.explains_more_than(self) {
+        if is_stated && has_settled && fit.contradicted_s.is_none() && fit.explains_more_than(self) {
             fit.memory = self.followed_by(&mut fit);
             // The contradiction came from readings of the second object.
             fit.log_evidence = fit.log_evidence.forgiven(lost);
