@@ -101,6 +101,9 @@ pub(super) trait Tracker: Send {
     fn excess(&self) -> Option<f64> {
         None
     }
+
+    /// Takes the smallest excess of all models at the last sample: where one of them explains the readings, the others need not.
+    fn compare(&mut self, _least_excess: f64) {}
 }
 
 /// Follows one contact.

@@ -232,8 +232,7 @@ impl Average {
         let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let excess = self.trackers.iter().filter_map(|tracker| tracker.excess()).reduce(f64::min).unwrap_or(1.0);
-        let power = self.config.evidence_power / excess;
+        let power = self.config.evidence_power / self.least_excess().unwrap_or(1.0);
         let share = |(prior, evidence): (&f64, &Option<f64>)| {
             let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
             prior * (power * behind).exp()
@@ -241,6 +240,11 @@ impl Average {
         let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
+    }
+
+    /// The smallest excess of a candidate. `None` if none has fitted an object.
+    fn least_excess(&self) -> Option<f64> {
+        self.trackers.iter().filter_map(|tracker| tracker.excess()).reduce(f64::min)
     }
 
     /// Replaces the estimates of candidates whose contact is not determined by that of the early filter.
@@ -347,6 +351,8 @@ impl Tracker for Average {
         self.is_free = false;
         let mut estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         self.replace_early(sample, &mut estimates);
+        let least_excess = self.least_excess().unwrap_or(f64::INFINITY);
+        self.trackers.iter_mut().for_each(|tracker| tracker.compare(least_excess));
         let together = self.together(&estimates);
         if self.is_another() {
             self.forget();

@@ -151,6 +151,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     memory: Option<Memory>,
     /// Fit to the later readings, while the readings contradict this one.
     successor: Option<Successor<Model, N>>,
+    /// Smallest excess of all models that are compared. Infinite if this is the only one.
+    least_excess: f64,
 }
 
 /// Whether a touch is one of the object that was touched before.
@@ -191,6 +193,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             contradicted_s: None,
             memory: None,
             successor: None,
+            least_excess: f64::INFINITY,
         }
     }
 
@@ -523,5 +526,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn excess(&self) -> Option<f64> {
         // The modes are sorted by weight.
         self.modes.first().filter(|_| self.is_fitted()).map(|mode| mode.excess)
+    }
+
+    fn compare(&mut self, least_excess: f64) {
+        self.least_excess = least_excess;
     }
 }

@@ -3,6 +3,7 @@
 //! Where the contact has jumped from one edge of an object to another, and the innovations did not show it at once, a single object
 //! is fitted to both edges, and the readings contradict it. Two objects, one after the other, then explain the readings
 //! better: a fit that begins when the readings have contradicted the first one for [`DOUBTED_S`](super::DOUBTED_S) takes its place.
+//! It is not begun while another model explains the readings.
 
 use super::{Fitter, SETTLED_S};
 use crate::space::estimators::Sample;
@@ -11,6 +12,9 @@ use crate::space::estimators::motion::{Motion, Shape};
 /// Difference of the logarithm of the evidence above which two objects are preferred to one. Chosen on random scenes in space that are
 /// not reported.
 const PREFERRED: f64 = 20.0;
+
+/// Smallest excess of all models below which one of them explains the readings. Chosen in the same way.
+const EXPLAINED: f64 = 1.2;
 
 /// The second fit.
 pub(super) struct Successor<Model: Shape<N>, const N: usize> {
@@ -24,7 +28,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// has settled and explains the readings better, without contradiction; but not where this fit states no contact: beyond the
     /// calibrated domain, the readings contradict the true object too.
     pub(super) fn succeed(&mut self, sample: &Sample, is_stated: bool) {
-        if !self.is_fitted() || !self.is_contradicted() {
+        if !self.is_fitted() || !self.is_contradicted() || self.least_excess < EXPLAINED {
             self.successor = None;
             return;
         }
