@@ -102,7 +102,13 @@ pub(super) trait Tracker: Send {
         None
     }
 
-    /// Takes the smallest excess of all models at the last sample: where one of them explains the readings, the others need not.
+    /// Whether the fitted object is not the first one, so that it explains the later readings only.
+    fn has_begun_anew(&self) -> bool {
+        false
+    }
+
+    /// Takes the smallest excess, at the present sample, of the models whose object explains all readings. If one of them is small, no
+    /// second fit is needed. Default: it is not used.
     fn compare(&mut self, _least_excess: f64) {}
 }
 
@@ -224,7 +230,7 @@ impl<Model: Motion<N>, const N: usize> Follower<Model, N> {
         });
         bank.prune(prune_share);
         if let Some(likeliest) = bank.most_probable().map(|one| one.belief.mean) {
-            bank.map(|belief| self.model.align(&mut belief.mean, &likeliest));
+            bank.map(|belief| self.model.align_belief(belief, &likeliest));
         }
         bank.merge(merge_loss);
         bank.map(|belief| self.side.hold(&mut belief.mean));

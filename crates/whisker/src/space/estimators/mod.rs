@@ -11,7 +11,7 @@
 //! - an average (`model_averaging.rs`) over fits, weighted by their evidence; in hindsight, from all readings of a touch.
 //!
 //! Filters, particle filters and fits share the models of the contact's motion (`motion/`): a fixed point, a straight edge or rod
-//! of unknown direction, a sphere, or a surface of two principal curvatures.
+//! of unknown direction, a cone, a sphere, or a surface of two principal curvatures.
 //!
 //! To add an estimator: one row in [`SPATIAL_ESTIMATORS`]; a new model of motion is one file beside `motion/line.rs` and a variant
 //! of `MotionSettings`.

@@ -5,8 +5,8 @@
 //! posterior probability. Until the first fits have ended, the priors are the weights, and the estimate is that of a filter whose
 //! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The same
 //! filter takes the place of fits whose readings do not determine the contact, for example of a base at rest. The
-//! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. The
-//! more flexible a candidate, the smaller its prior. The models are in doubt if the innovations of the mixture are too large, as in
+//! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. Surfaces
+//! of two curvatures, the most flexible objects, have the smallest prior. The models are in doubt if the innovations of the mixture are too large, as in
 //! the plane, or if the readings contradict the fits with more than half of the probability.
 
 use std::sync::Arc;
@@ -232,7 +232,8 @@ impl Average {
         let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();
         let least = evidence.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let most = evidence.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let power = self.config.evidence_power / self.least_excess().unwrap_or(1.0);
+        let excess = self.trackers.iter().filter_map(|tracker| tracker.excess()).reduce(f64::min).unwrap_or(1.0);
+        let power = self.config.evidence_power / excess;
         let share = |(prior, evidence): (&f64, &Option<f64>)| {
             let behind = if most.is_finite() { evidence.unwrap_or(least) - most } else { 0.0 };
             prior * (power * behind).exp()
@@ -240,11 +241,6 @@ impl Average {
         let shares: Vec<f64> = self.prior.iter().zip(&evidence).map(share).collect();
         let total: f64 = shares.iter().sum();
         shares.into_iter().map(|share| share / total).collect()
-    }
-
-    /// The smallest excess of a candidate. `None` if none has fitted an object.
-    fn least_excess(&self) -> Option<f64> {
-        self.trackers.iter().filter_map(|tracker| tracker.excess()).reduce(f64::min)
     }
 
     /// Replaces the estimates of candidates whose contact is not determined by that of the early filter.
@@ -351,7 +347,8 @@ impl Tracker for Average {
         self.is_free = false;
         let mut estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         self.replace_early(sample, &mut estimates);
-        let least_excess = self.least_excess().unwrap_or(f64::INFINITY);
+        let of_all = self.trackers.iter().filter(|tracker| !tracker.has_begun_anew());
+        let least_excess = of_all.filter_map(|tracker| tracker.excess()).fold(f64::INFINITY, f64::min);
         self.trackers.iter_mut().for_each(|tracker| tracker.compare(least_excess));
         let together = self.together(&estimates);
         if self.is_another() {

@@ -9,7 +9,7 @@ pub(super) struct LogEvidence {
     pub(super) since: f64,
     /// That of the readings before the fit began anew. `None` if it never did.
     before: Option<f64>,
-    /// That of all readings after the last round in which they did not contradict the object. `None` if there was none.
+    /// That of all readings at the end of the last round in which they did not contradict the object. `None` if there was none.
     consistent: Option<f64>,
 }
 
@@ -22,6 +22,11 @@ impl LogEvidence {
         }
     }
 
+    /// Whether the fit began anew.
+    pub(super) fn is_anew(&self) -> bool {
+        self.before.is_some()
+    }
+
     /// That after a round, `since` whose means were taken the readings have another. If the round has none, that of the readings
     /// since the last one still counts.
     pub(super) fn after(&self, round: Option<f64>, since: f64) -> Self {
@@ -31,19 +36,21 @@ impl LogEvidence {
         }
     }
 
-    /// The same, of readings that do not contradict the object.
+    /// The same, after a round in which the readings do not contradict the object.
     pub(super) fn consistent(&self) -> Self {
         Self { consistent: self.total(), ..*self }
     }
 
-    /// How much smaller the evidence is than when the readings did not contradict the object. 0 if they always did.
+    /// Decrease since the last round in which the readings did not contradict the object. 0 if there was none.
     pub(super) fn lost(&self) -> f64 {
         self.consistent.zip(self.total()).map_or(0.0, |(consistent, total)| (consistent - total).max(0.0))
     }
 
-    /// That of a fit which began anew, without a loss before.
-    pub(super) fn forgiven(&self, lost: f64) -> Self {
-        Self { before: self.before.map(|before| before + lost), ..*self }
+    /// That of a fit which began anew, with evidence restored that was lost before.
+    pub(super) fn with_restored(&self, lost: f64) -> Self {
+        let [before, consistent] =
+            [self.before, self.consistent].map(|evidence| evidence.map(|evidence| evidence + lost));
+        Self { before, consistent, ..*self }
     }
 
     /// That of a fit which begins anew.
@@ -77,13 +84,14 @@ mod tests {
         assert_eq!(anew.anew().total(), Some(-104.0));
     }
     #[test]
-    fn verif_what_a_contradiction_took_away_can_be_forgiven() {
+    fn verif_evidence_lost_by_a_contradiction_can_be_restored() {
         let first = LogEvidence::default().after(Some(-80.0), 0.0);
         assert_eq!(first.lost(), 0.0, "contradicted from the beginning");
         let contradicted = first.consistent().after(Some(-300.0), -20.0);
         assert_eq!(contradicted.lost(), 240.0);
-        let anew = contradicted.anew().after(Some(-10.0), 0.0);
+        let anew = contradicted.anew().after(Some(-10.0), 0.0).consistent();
         assert_eq!((anew.total(), anew.lost()), (Some(-330.0), 0.0));
-        assert_eq!(anew.forgiven(240.0).total(), Some(-90.0));
+        let restored = anew.with_restored(240.0);
+        assert_eq!((restored.total(), restored.lost()), (Some(-90.0), 0.0));
     }
 }

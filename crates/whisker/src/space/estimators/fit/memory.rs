@@ -54,9 +54,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(memory)
     }
 
-    /// The memory of a second fit, begun later, that takes the place of this one. Since the readings contradict this fit, it revises no
-    /// sample: the object of the second one is to explain the samples before it, backwards to the first that it does not explain, and
-    /// the causal estimates of the others are kept.
+    /// The memory of a second fit that takes the place of this one. This fit revises none of the kept samples, since the readings
+    /// contradict it. The second fit revises them from its beginning backwards, up to the first sample that its object does not
+    /// explain. The causal estimates of the samples before that are kept.
     pub(super) fn followed_by(&mut self, successor: &mut Self) -> Option<Memory> {
         let Memory { mut revised, mut samples } = self.memory.take()?;
         let later = successor.memory.take()?;
@@ -71,7 +71,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             let innovation = estimate.and_then(|estimate| estimate.innovation);
             innovation.is_some_and(|innovation| innovation.nis < self.config.gate_sds.powi(2))
         };
-        // A second fit that has begun anew itself has lost the object of these samples.
+        // If the second fit has itself begun anew, its present object is not the one that was touched at these samples.
         let found = if later.revised.is_empty() { successor.revisited(&samples) } else { Vec::new() };
         let explained = found.iter().take_while(is_explained).count();
         revised.resize(revised.len() + samples.len() - explained, None);
@@ -86,6 +86,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     pub(super) fn revised(&mut self) -> Option<Vec<Option<Estimate>>> {
         let memory = self.memory.as_mut()?;
         let Memory { mut revised, samples } = std::mem::take(memory);
+        self.successor = None;
         if revised.is_empty() && samples.is_empty() {
             return None;
         }

@@ -25,7 +25,7 @@
 //!
 //! The fit ([`Fitter`]) keeps [`readings`], from which searches ([`search`]) find its modes ([`mode`]). The modes state the present
 //! contact ([`present`]) and the evidence of the model ([`evidence`]). In hindsight, they state the contact at every sample of a touch
-//! ([`memory`]). While the readings contradict the object, a second fit is made to the later ones ([`successor`]).
+//! ([`memory`]). While the readings contradict the object, a second fit is made to the later readings ([`successor`]).
 
 mod config;
 mod correlated;
@@ -151,7 +151,7 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     memory: Option<Memory>,
     /// Fit to the later readings, while the readings contradict this one.
     successor: Option<Successor<Model, N>>,
-    /// Smallest excess of all models that are compared. Infinite if this is the only one.
+    /// Smallest excess, at the last sample, of the compared models whose object explains all readings. Infinite if there is none.
     least_excess: f64,
 }
 
@@ -378,6 +378,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.front.is_none()
     }
 
+    /// Whether enough readings count for the search of the modes to have ended.
+    fn has_settled(&self) -> bool {
+        self.elapsed_s > self.config.start_s + SETTLED_S
+    }
+
     /// Whether the readings have contradicted all modes for more than [`DOUBTED_S`].
     fn is_contradicted(&self) -> bool {
         self.contradicted_s.is_some_and(|duration_s| duration_s > DOUBTED_S)
@@ -446,7 +451,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.contradicted_s = self.contradicted_s.map(|duration_s| duration_s + sample.dt_s);
         let model_doubtful = Some(self.is_contradicted());
         let estimate = estimate.map(|estimate| Estimate { model_doubtful, ..estimate });
-        let has_slipped = self.slipped.is_raised() && self.elapsed_s > self.config.start_s + SETTLED_S;
+        let has_slipped = self.slipped.is_raised() && self.has_settled();
         let is_confirmed = self.slipped.mean_nis() < CONFIRMED_NIS || self.elapsed_s - self.before_s > UNDECIDED_S;
         if self.earlier == Earlier::Unconfirmed && is_confirmed {
             self.earlier = Earlier::Confirmed;
@@ -466,8 +471,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimate = self.advance(sample);
-        self.succeed(sample, estimate.is_some());
-        estimate
+        self.succeed(sample, estimate)
     }
 
     fn release(&mut self, sample: &Sample) {
@@ -526,6 +530,10 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
     fn excess(&self) -> Option<f64> {
         // The modes are sorted by weight.
         self.modes.first().filter(|_| self.is_fitted()).map(|mode| mode.excess)
+    }
+
+    fn has_begun_anew(&self) -> bool {
+        self.log_evidence.is_anew()
     }
 
     fn compare(&mut self, least_excess: f64) {

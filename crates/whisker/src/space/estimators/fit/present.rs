@@ -89,7 +89,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             .collect();
         let (likeliest, ..) = *beliefs.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
         for (belief, ..) in &mut beliefs {
-            self.model.align(&mut belief.mean, &likeliest.mean);
+            self.model.align_belief(belief, &likeliest.mean);
         }
         let innovation = Innovation::of_mixture(beliefs.iter().map(|(_, innovation, weight)| (*innovation, *weight)));
         let belief = Gaussian::of_mixture(beliefs.into_iter().map(|(belief, _, weight)| (belief, weight)));
@@ -104,7 +104,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 
     /// Belief about the state of a mode at a sample, and the innovation of its reading, as of one that the fit does not include. Called
-    /// in the order of time: the contact is sought from that of the previous sample.
+    /// for consecutive samples, in either direction of time: the contact is sought from that of the sample before in the sequence.
     fn present(
         &self,
         mode: &mut Mode<Model::Object, N>,

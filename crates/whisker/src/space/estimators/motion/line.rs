@@ -6,12 +6,13 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
-use super::{Motion, RadiusPrior, check_wander, describe_normal, describe_radius, extended};
+use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT};
+use super::spine::Spine;
+use super::{Motion, RadiusPrior, check_wander, describe_direction, describe_normal, describe_radius, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
-use crate::space::estimators::{Direction, Estimate, Sample};
+use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
@@ -88,13 +89,11 @@ impl Motion<6> for Line {
     }
 
     fn describe(&self, side: &Side, belief: &Gaussian<6>, estimate: &mut Estimate) {
-        let Some(place) = Place::new(side, Around::of_state(&belief.mean)) else { return };
-        describe_normal(&place, belief, estimate);
-        describe_radius(side, belief, RADIUS, estimate);
-        let Axes { tangent, across, .. } = place.axes(belief.mean[TILT]);
-        let (sin, cos) = belief.mean[ANGLE].sin_cos();
-        let sd_rad = belief.covariance[(ANGLE, ANGLE)].max(0.0).sqrt();
-        estimate.direction = Some(Direction { along: tangent * cos + across * sin, sd_rad });
+        if let Some(place) = Place::new(side, Around::of_state(&belief.mean)) {
+            describe_normal(&place, belief, estimate);
+            describe_radius(side, belief, RADIUS, estimate);
+            describe_direction(&place, belief, ANGLE, estimate);
+        }
     }
 }
 
@@ -106,10 +105,7 @@ pub(super) fn nearest_angle(angle: f64, other: f64) -> f64 {
 /// A rod at the present instant.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Rod {
-    /// A point of its axis, its direction, and a direction across it.
-    axis: Vector3<f64>,
-    along: Vector3<f64>,
-    outwards: Vector3<f64>,
+    axis: Spine,
     /// Radius of rod and wire together.
     radius_m: f64,
     tilt_rad: f64,
@@ -117,20 +113,7 @@ pub(in crate::space::estimators) struct Rod {
 
 impl Object for Rod {
     fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
-        Self {
-            axis: carried(self.axis, motion),
-            along: motion.turn_vector(self.along),
-            outwards: motion.turn_vector(self.outwards),
-            tilt_rad,
-            ..*self
-        }
-    }
-}
-
-impl Rod {
-    /// Two directions across the rod, which with its own are a right-handed frame.
-    fn across(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.outwards, self.along.cross(&self.outwards))
+        Self { axis: self.axis.moved(motion), tilt_rad, ..*self }
     }
 }
 
@@ -141,33 +124,30 @@ impl Shape<6> for Line {
         let Axes { normal, tangent, across } = place.axes(x[TILT]);
         let (sin, cos) = x[ANGLE].sin_cos();
         let radius_m = x[RADIUS].exp();
-        Rod {
-            axis: place.contact - normal * radius_m,
-            along: tangent * cos + across * sin,
-            outwards: normal,
-            radius_m,
-            tilt_rad: 0.0,
-        }
+        let point = place.contact - normal * radius_m;
+        let axis = Spine { point, along: tangent * cos + across * sin, outwards: normal };
+        Rod { axis, radius_m, tilt_rad: 0.0 }
     }
 
     fn residual(&self, rod: &Rod, place: &Place) -> Vector3<f64> {
-        let (one, other) = rod.across();
+        let (one, other) = rod.axis.across();
         let normal = place.axes(rod.tilt_rad).normal;
-        let off = place.contact - normal * rod.radius_m - rod.axis;
-        Vector3::new(one.dot(&off), other.dot(&off), LEVER_M * rod.along.dot(&normal))
+        let off = place.contact - normal * rod.radius_m - rod.axis.point;
+        Vector3::new(one.dot(&off), other.dot(&off), LEVER_M * rod.axis.along.dot(&normal))
     }
 
     fn equations(&self, rod: &Rod, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
-        let (one, other) = rod.across();
+        let (one, other) = rod.axis.across();
         let normal_slopes = place.normal_slopes(rod.tilt_rad);
         let off_slopes = place.slopes - normal_slopes * rod.radius_m;
-        let rows = [off_slopes.tr_mul(&one), off_slopes.tr_mul(&other), normal_slopes.tr_mul(&rod.along) * LEVER_M];
+        let rows =
+            [off_slopes.tr_mul(&one), off_slopes.tr_mul(&other), normal_slopes.tr_mul(&rod.axis.along) * LEVER_M];
         (self.residual(rod, place), Matrix3::from_columns(&rows).transpose())
     }
 
     fn state(&self, rod: &Rod, place: &Place, before: &SVector<f64, 6>) -> SVector<f64, 6> {
         let Axes { tangent, across, .. } = place.axes(rod.tilt_rad);
-        let angle = rod.along.dot(&across).atan2(rod.along.dot(&tangent));
+        let angle = rod.axis.along.dot(&across).atan2(rod.axis.along.dot(&tangent));
         let angle = nearest_angle(angle, before[ANGLE]);
         let [s, u, v] = place.at.vector().into();
         [s, u, v, rod.tilt_rad, angle, before[RADIUS]].into()

@@ -9,6 +9,7 @@ mod patch;
 mod resting;
 mod rolling;
 mod sphere;
+mod spine;
 mod stuck;
 mod swing;
 
@@ -19,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::fit::{self, Fitter};
 use super::follower::Tracker;
 use super::side::Side;
-use super::{Estimate, Knowledge, Radius, Sample};
+use super::{Direction, Estimate, Knowledge, Radius, Sample};
 use crate::settings::{SettingsError, within};
 use cone::Cone;
 use line::Line;
@@ -49,6 +50,11 @@ pub(super) trait Motion<const N: usize>: Copy + Send + Sync + 'static {
     /// Replaces a state by an equal one whose entries can be averaged with those of another, for example an angle of a direction
     /// without sign by the nearest equal one. By default every state is represented once.
     fn align(&self, _x: &mut SVector<f64, N>, _with: &SVector<f64, N>) {}
+
+    /// The same for a belief. By default the covariance remains.
+    fn align_belief(&self, belief: &mut Gaussian<N>, with: &SVector<f64, N>) {
+        self.align(&mut belief.mean, with);
+    }
 
     /// Adds to the estimate what the model states about the object.
     fn describe(&self, _side: &Side, _belief: &Gaussian<N>, _estimate: &mut Estimate) {}
@@ -200,6 +206,14 @@ fn describe_normal<const N: usize>(place: &Place, belief: &Gaussian<N>, estimate
     slopes.set_column(TILT, &across);
     estimate.normal = normal;
     estimate.normal_covariance = slopes * belief.covariance.fixed_view::<4, 4>(0, 0) * slopes.transpose();
+}
+
+/// States the direction of the straight line of an object through the contact, whose angle from the wire has this index.
+fn describe_direction<const N: usize>(place: &Place, belief: &Gaussian<N>, index: usize, estimate: &mut Estimate) {
+    let Axes { tangent, across, .. } = place.axes(belief.mean[TILT]);
+    let (sin, cos) = belief.mean[index].sin_cos();
+    let sd_rad = belief.covariance[(index, index)].max(0.0).sqrt();
+    estimate.direction = Some(Direction { along: tangent * cos + across * sin, sd_rad });
 }
 
 /// Relative standard deviation of a radius for errors of the model that no number of readings reduces. Chosen on spheres that are

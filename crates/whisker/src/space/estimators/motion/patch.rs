@@ -5,7 +5,8 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
-use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT, carried};
+use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT};
+use super::spine::Spine;
 use super::{Motion, RadiusPrior, describe_normal, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
@@ -90,10 +91,8 @@ impl Motion<7> for Patch {
 /// A torus at the present instant.
 #[derive(Clone, Copy)]
 pub(in crate::space::estimators) struct Torus {
-    /// A point of the spine, the direction there, and the direction away from the centre.
-    spine: Vector3<f64>,
-    along: Vector3<f64>,
-    outwards: Vector3<f64>,
+    /// The spine, with the direction away from its centre.
+    spine: Spine,
     bend_per_m: f64,
     /// Radius of the torus about the spine, and of the wire, together.
     radius_m: f64,
@@ -102,13 +101,7 @@ pub(in crate::space::estimators) struct Torus {
 
 impl Object for Torus {
     fn moved(&self, motion: &Pose<Base, Base>, tilt_rad: f64) -> Self {
-        Self {
-            spine: carried(self.spine, motion),
-            along: motion.turn_vector(self.along),
-            outwards: motion.turn_vector(self.outwards),
-            tilt_rad,
-            ..*self
-        }
+        Self { spine: self.spine.moved(motion), tilt_rad, ..*self }
     }
 }
 
@@ -132,14 +125,15 @@ impl Section {
 impl Torus {
     /// The direction across the plane of the spine.
     fn across(&self) -> Vector3<f64> {
-        self.outwards.cross(&self.along)
+        self.spine.outwards.cross(&self.spine.along)
     }
 
     /// The cross-section that is touched at a place with this normal.
     fn section(&self, place: &Place, normal: &Vector3<f64>) -> Section {
-        let off = place.contact - normal * self.radius_m - self.spine;
-        let (l, h) = (self.along.dot(&off), self.outwards.dot(&off));
-        let direction = self.along * (1.0 + self.bend_per_m * h) - self.outwards * (self.bend_per_m * l);
+        let Spine { point, along, outwards } = self.spine;
+        let off = place.contact - normal * self.radius_m - point;
+        let (l, h) = (along.dot(&off), outwards.dot(&off));
+        let direction = along * (1.0 + self.bend_per_m * h) - outwards * (self.bend_per_m * l);
         Section { off, l, h, direction }
     }
 }
@@ -151,14 +145,9 @@ impl Shape<7> for Patch {
         let Axes { normal, tangent, across } = place.axes(x[TILT]);
         let (sin, cos) = x[ANGLE].sin_cos();
         let radius_m = x[RADIUS].exp();
-        Torus {
-            spine: place.contact - normal * radius_m,
-            along: tangent * cos + across * sin,
-            outwards: normal,
-            bend_per_m: x[BEND] / BEND_M,
-            radius_m,
-            tilt_rad: 0.0,
-        }
+        let point = place.contact - normal * radius_m;
+        let spine = Spine { point, along: tangent * cos + across * sin, outwards: normal };
+        Torus { spine, bend_per_m: x[BEND] / BEND_M, radius_m, tilt_rad: 0.0 }
     }
 
     fn residual(&self, torus: &Torus, place: &Place) -> Vector3<f64> {
@@ -167,7 +156,7 @@ impl Shape<7> for Patch {
     }
 
     fn equations(&self, torus: &Torus, place: &Place) -> (Vector3<f64>, Matrix3<f64>) {
-        let Torus { along, outwards, bend_per_m, radius_m, tilt_rad, .. } = *torus;
+        let Torus { spine: Spine { along, outwards, .. }, bend_per_m, radius_m, tilt_rad } = *torus;
         let across = torus.across();
         let (normal, normal_slopes) = (place.axes(tilt_rad).normal, place.normal_slopes(tilt_rad));
         let section = torus.section(place, &normal);

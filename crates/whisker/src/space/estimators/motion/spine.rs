@@ -1,0 +1,31 @@
+//! Axis of a rod or cone, or spine of a torus, at the present instant.
+
+use nalgebra::Vector3;
+
+use super::rolling::carried;
+use crate::frames::Base;
+use crate::space::frames::Pose;
+
+/// A point of the axis, its direction there, and a direction across it.
+#[derive(Clone, Copy)]
+pub(super) struct Spine {
+    pub(super) point: Vector3<f64>,
+    pub(super) along: Vector3<f64>,
+    pub(super) outwards: Vector3<f64>,
+}
+
+impl Spine {
+    /// The axis after the motion of the base.
+    pub(super) fn moved(&self, motion: &Pose<Base, Base>) -> Self {
+        Self {
+            point: carried(self.point, motion),
+            along: motion.turn_vector(self.along),
+            outwards: motion.turn_vector(self.outwards),
+        }
+    }
+
+    /// Two directions across the axis, which with its own are a right-handed frame.
+    pub(super) fn across(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.outwards, self.along.cross(&self.outwards))
+    }
+}
