@@ -6,8 +6,8 @@
 //! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The same
 //! filter takes the place of fits whose readings do not determine the contact, for example of a base at rest. The
 //! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. Surfaces
-//! of two curvatures, the most flexible objects, have the smallest prior. The models are in doubt if the innovations of the mixture are too large, as in
-//! the plane, or if the readings contradict the fits with more than half of the probability.
+//! of two curvatures, the most flexible objects, have the smallest prior. The models are in doubt if the innovations of the mixture
+//! are too large, as in the plane, or if the readings contradict the fits with more than half of the probability.
 
 use std::sync::Arc;
 

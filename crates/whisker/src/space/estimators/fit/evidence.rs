@@ -83,6 +83,7 @@ mod tests {
         assert_eq!(anew.total(), Some(-104.0));
         assert_eq!(anew.anew().total(), Some(-104.0));
     }
+
     #[test]
     fn verif_evidence_lost_by_a_contradiction_can_be_restored() {
         let first = LogEvidence::default().after(Some(-80.0), 0.0);
