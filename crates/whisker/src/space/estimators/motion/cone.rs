@@ -6,8 +6,8 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::line::{DIRECTION_SD_RAD, LEVER_M, Line};
-use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT};
+use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, RADIUS, nearest_angle};
+use super::rolling::{Axes, Object, Place, Roll, Shape};
 use super::spine::Spine;
 use super::{Motion, RadiusPrior, describe_direction, describe_normal, describe_radius, extended};
 use crate::frames::Base;
@@ -17,10 +17,7 @@ use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
-/// Indices in the state of the direction of the generatrix, of the logarithm of the distance to the axis along the normal, and of the
-/// sine of the half angle.
-const ANGLE: usize = 4;
-const RADIUS: usize = 5;
+/// Index in the state of the sine of the half angle. The other entries are those of a rod along the generatrix.
 const SINE: usize = 6;
 
 /// Largest magnitude of the sine of the half angle.
@@ -65,10 +62,8 @@ impl Motion<7> for Cone {
     type Step<'a> = Roll<'a, Self, 7>;
 
     fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<7>> {
-        let (tilt, sine) = ((0.0, FIRST_TILT_RAD), (0.0, self.sine_sd));
-        let part =
-            |angle| self.axis.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius, sine]));
-        self.axis.angles().flat_map(part).collect()
+        let sine = (0.0, self.sine_sd);
+        self.axis.entries().map(|[tilt, angle, radius]| extended(place, [tilt, angle, radius, sine])).collect()
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 7> {
@@ -76,11 +71,10 @@ impl Motion<7> for Cone {
     }
 
     fn align(&self, x: &mut SVector<f64, 7>, with: &SVector<f64, 7>) {
-        let halves = ((with[ANGLE] - x[ANGLE]) / PI).round();
-        x[ANGLE] += PI * halves;
-        if halves % 2.0 != 0.0 {
-            x[SINE] = -x[SINE];
-        }
+        let angle = nearest_angle(x[ANGLE], with[ANGLE]);
+        // Along the opposite direction the cone narrows.
+        x[SINE] *= (angle - x[ANGLE]).cos().signum();
+        x[ANGLE] = angle;
     }
 
     fn align_belief(&self, belief: &mut Gaussian<7>, with: &SVector<f64, 7>) {
@@ -130,16 +124,11 @@ impl Shape<7> for Cone {
     type Object = Funnel;
 
     fn object(&self, x: &SVector<f64, 7>, place: &Place) -> Funnel {
-        let Axes { normal, tangent, across } = place.axes(x[TILT]);
-        let (sin, cos) = x[ANGLE].sin_cos();
-        let generatrix = tangent * cos + across * sin;
-        let (radius_m, sine) = (x[RADIUS].exp(), x[SINE].clamp(-MOST_SINE, MOST_SINE));
+        let (Spine { point, along: generatrix, outwards: normal }, radius_m) = Spine::of_state(x, place);
+        let sine = x[SINE].clamp(-MOST_SINE, MOST_SINE);
         let cosine = (1.0 - sine * sine).sqrt();
-        let axis = Spine {
-            point: place.contact - normal * radius_m,
-            along: generatrix * cosine - normal * sine,
-            outwards: normal * cosine + generatrix * sine,
-        };
+        let along = generatrix * cosine - normal * sine;
+        let axis = Spine { point, along, outwards: normal * cosine + generatrix * sine };
         Funnel { axis, radius_m, sine, tilt_rad: 0.0 }
     }
 
@@ -175,9 +164,7 @@ impl Shape<7> for Cone {
     }
 
     fn variances(&self, dt_s: f64) -> SVector<f64, 7> {
-        let wander_m2 = self.axis.wander_m_sqrt_s.powi(2) * dt_s;
-        let turn_rad2 = self.axis.turn_rad_sqrt_s.powi(2) * dt_s;
-        [wander_m2, wander_m2, wander_m2, 0.0, turn_rad2, 0.0, 0.0].into()
+        self.axis.walk(dt_s)
     }
 }
 

@@ -6,7 +6,7 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT};
+use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape};
 use super::spine::Spine;
 use super::{Motion, RadiusPrior, check_wander, describe_direction, describe_normal, describe_radius, extended};
 use crate::frames::Base;
@@ -22,9 +22,9 @@ pub(super) const LEVER_M: f64 = 0.05;
 /// Standard deviation of a direction that is uniform on a half circle.
 pub(super) const DIRECTION_SD_RAD: f64 = 0.907;
 
-/// Indices in the state of the rod's direction and of the logarithm of the radius.
-const ANGLE: usize = 4;
-const RADIUS: usize = 5;
+/// Indices in the state of the rod's direction and of the logarithm of the radius, as in the states of cones and tori.
+pub(super) const ANGLE: usize = 4;
+pub(super) const RADIUS: usize = 5;
 
 /// A straight rod of radius `r` at rest; the state is `(s, u, v, beta, psi, ln rho)`, with `rho` the sum of `r` and the radius of
 /// the wire.
@@ -64,10 +64,20 @@ impl Line {
         self.radius.validate()
     }
 
-    /// Mean and standard deviation of the direction of each Gaussian at the touch.
-    pub(super) fn angles(&self) -> impl Iterator<Item = (f64, f64)> {
+    /// Means and standard deviations of tilt, direction and logarithm of the radius of each Gaussian at the touch.
+    pub(super) fn entries(&self) -> impl Iterator<Item = [(f64, f64); 3]> {
         let stretch = PI / self.directions as f64;
-        (0..self.directions).map(move |i| ((i as f64 + 0.5) * stretch, 0.5 * stretch))
+        let angles = (0..self.directions).map(move |i| ((i as f64 + 0.5) * stretch, 0.5 * stretch));
+        let tilt = (0.0, FIRST_TILT_RAD);
+        angles.flat_map(move |angle| self.radius.logarithms().map(move |radius| [tilt, angle, radius]))
+    }
+
+    /// Variances that one step of `dt_s` adds to the entries of a state that begins like that of a rod.
+    pub(super) fn walk<const N: usize>(&self, dt_s: f64) -> SVector<f64, N> {
+        let mut variances = SVector::<f64, N>::zeros();
+        variances.fixed_rows_mut::<3>(0).fill(self.wander_m_sqrt_s.powi(2) * dt_s);
+        variances[ANGLE] = self.turn_rad_sqrt_s.powi(2) * dt_s;
+        variances
     }
 }
 
@@ -75,9 +85,7 @@ impl Motion<6> for Line {
     type Step<'a> = Roll<'a, Self, 6>;
 
     fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<6>> {
-        let tilt = (0.0, FIRST_TILT_RAD);
-        let part = |angle| self.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius]));
-        self.angles().flat_map(part).collect()
+        self.entries().map(|entries| extended(place, entries)).collect()
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 6> {
@@ -121,11 +129,7 @@ impl Shape<6> for Line {
     type Object = Rod;
 
     fn object(&self, x: &SVector<f64, 6>, place: &Place) -> Rod {
-        let Axes { normal, tangent, across } = place.axes(x[TILT]);
-        let (sin, cos) = x[ANGLE].sin_cos();
-        let radius_m = x[RADIUS].exp();
-        let point = place.contact - normal * radius_m;
-        let axis = Spine { point, along: tangent * cos + across * sin, outwards: normal };
+        let (axis, radius_m) = Spine::of_state(x, place);
         Rod { axis, radius_m, tilt_rad: 0.0 }
     }
 
@@ -159,7 +163,6 @@ impl Shape<6> for Line {
     }
 
     fn variances(&self, dt_s: f64) -> SVector<f64, 6> {
-        let wander_m2 = self.wander_m_sqrt_s.powi(2) * dt_s;
-        [wander_m2, wander_m2, wander_m2, 0.0, self.turn_rad_sqrt_s.powi(2) * dt_s, 0.0].into()
+        self.walk(dt_s)
     }
 }

@@ -4,8 +4,8 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
-use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape, TILT};
+use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, RADIUS, nearest_angle};
+use super::rolling::{Axes, Object, Place, Roll, Shape};
 use super::spine::Spine;
 use super::{Motion, RadiusPrior, describe_normal, extended};
 use crate::frames::Base;
@@ -15,9 +15,7 @@ use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
-/// Indices in the state of the direction of the spine, of the logarithm of the radius about it, and of its curvature.
-const ANGLE: usize = 4;
-const RADIUS: usize = 5;
+/// Index in the state of the curvature of the spine.
 const BEND: usize = 6;
 
 /// Length by which the curvature of the spine is made dimensionless.
@@ -67,10 +65,7 @@ impl Motion<7> for Patch {
 
     fn parts(&self, place: &Gaussian<3>) -> Vec<Gaussian<7>> {
         let bend = (0.0, self.bend_sd());
-        let tilt = (0.0, FIRST_TILT_RAD);
-        let part =
-            |angle| self.spine.radius.logarithms().map(move |radius| extended(place, [tilt, angle, radius, bend]));
-        self.spine.angles().flat_map(part).collect()
+        self.spine.entries().map(|[tilt, angle, radius]| extended(place, [tilt, angle, radius, bend])).collect()
     }
 
     fn step<'a>(&self, side: &'a Side, sample: &Sample, unrest: &Matrix3<f64>) -> Roll<'a, Self, 7> {
@@ -142,11 +137,7 @@ impl Shape<7> for Patch {
     type Object = Torus;
 
     fn object(&self, x: &SVector<f64, 7>, place: &Place) -> Torus {
-        let Axes { normal, tangent, across } = place.axes(x[TILT]);
-        let (sin, cos) = x[ANGLE].sin_cos();
-        let radius_m = x[RADIUS].exp();
-        let point = place.contact - normal * radius_m;
-        let spine = Spine { point, along: tangent * cos + across * sin, outwards: normal };
+        let (spine, radius_m) = Spine::of_state(x, place);
         Torus { spine, bend_per_m: x[BEND] / BEND_M, radius_m, tilt_rad: 0.0 }
     }
 
@@ -189,8 +180,6 @@ impl Shape<7> for Patch {
     }
 
     fn variances(&self, dt_s: f64) -> SVector<f64, 7> {
-        let wander_m2 = self.spine.wander_m_sqrt_s.powi(2) * dt_s;
-        let turn_rad2 = self.spine.turn_rad_sqrt_s.powi(2) * dt_s;
-        [wander_m2, wander_m2, wander_m2, 0.0, turn_rad2, 0.0, 0.0].into()
+        self.spine.walk(dt_s)
     }
 }

@@ -1,8 +1,9 @@
 //! Axis of a rod or cone, or spine of a torus, at the present instant.
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 
-use super::rolling::carried;
+use super::line::{ANGLE, RADIUS};
+use super::rolling::{Axes, Place, TILT, carried};
 use crate::frames::Base;
 use crate::space::frames::Pose;
 
@@ -15,6 +16,15 @@ pub(super) struct Spine {
 }
 
 impl Spine {
+    /// The axis of a rod that is touched at a place by a state, with the radius of rod and wire together.
+    pub(super) fn of_state<const N: usize>(x: &SVector<f64, N>, place: &Place) -> (Self, f64) {
+        let Axes { normal, tangent, across } = place.axes(x[TILT]);
+        let (sin, cos) = x[ANGLE].sin_cos();
+        let radius_m = x[RADIUS].exp();
+        let point = place.contact - normal * radius_m;
+        (Self { point, along: tangent * cos + across * sin, outwards: normal }, radius_m)
+    }
+
     /// The axis after the motion of the base.
     pub(super) fn moved(&self, motion: &Pose<Base, Base>) -> Self {
         Self {
