@@ -1,6 +1,6 @@
 //! NumPy arrays from and to Rust values.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector};
 use numpy::ndarray::{Array1, Array2, Array3, ArrayD};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
@@ -12,6 +12,12 @@ use crate::error::{of_argument, refused};
 
 /// Largest number of coordinates in an array of points.
 const MOST_NUMBERS: usize = 100_000_000;
+
+/// Rounding errors of a covariance, relative to its norm.
+const ROUNDING: f64 = 1e-9;
+
+/// What errors expect of a covariance.
+pub(crate) const COVARIANCE: &str = "a symmetric matrix without negative eigenvalues";
 
 /// An array of real numbers, or what NumPy converts to one.
 pub(crate) struct Numbers<'py>(PyReadonlyArrayDyn<'py, f64>);
@@ -67,6 +73,29 @@ pub(crate) fn rows<const N: usize>(what: &str, array: &Numbers<'_>) -> PyResult<
     }
     let numbers = finite(what, array)?;
     Ok(numbers.chunks_exact(N).map(|row| std::array::from_fn(|i| row[i])).collect())
+}
+
+/// Covariances of an array of shape (n, 3, 3), which must be finite, and symmetric without negative eigenvalues but for rounding.
+pub(crate) fn covariances(what: &str, array: &Numbers<'_>) -> PyResult<Vec<Matrix3<f64>>> {
+    let shape = array.0.shape();
+    if shape.len() != 3 || shape[1..] != [3, 3] {
+        return Err(refused(what, format!("an array of shape {shape:?}"), "shape [n, 3, 3]"));
+    }
+    let numbers = finite(what, array)?;
+    let covariance = |(row, matrix): (usize, Matrix3<f64>)| {
+        if !is_covariance(&matrix) {
+            let found = format!("{:?}", <[[f64; 3]; 3]>::from(matrix.transpose()));
+            return Err(refused(&format!("{what}[{row}]"), found, COVARIANCE));
+        }
+        Ok(matrix)
+    };
+    numbers.chunks_exact(9).map(Matrix3::from_row_slice).enumerate().map(covariance).collect()
+}
+
+/// Whether a finite matrix is symmetric and has no negative eigenvalues, but for rounding.
+pub(crate) fn is_covariance(matrix: &Matrix3<f64>) -> bool {
+    let error = ROUNDING * matrix.norm();
+    (matrix - matrix.transpose()).amax() <= error && matrix.symmetric_eigenvalues().min() >= -error
 }
 
 /// Numbers of an array of shape (n), which must be finite.

@@ -15,7 +15,7 @@ use serde::Serialize;
 use serde_json::Value;
 use testbed::settings::merged;
 
-use crate::arrays::{Numbers, rows};
+use crate::arrays::{COVARIANCE, Numbers, is_covariance, rows};
 use crate::error::{raised, refused};
 
 /// A Python object as JSON.
@@ -159,8 +159,8 @@ pub(crate) fn base_noise(covariance: Option<&Numbers<'_>>) -> PyResult<BaseNoise
         return Err(refused("base_noise", format!("{} rows", rows.len()), "a covariance of x, y and yaw, 3 x 3"));
     }
     let matrix = Matrix3::from_fn(|i, j| rows[i][j]);
-    if matrix != matrix.transpose() || matrix.symmetric_eigenvalues().min() < -1e-12 * matrix.norm() {
-        return Err(refused("base_noise", format!("{rows:?}"), "a symmetric matrix without negative eigenvalues"));
+    if !is_covariance(&matrix) {
+        return Err(refused("base_noise", format!("{rows:?}"), COVARIANCE));
     }
     Ok(BaseNoise(matrix))
 }

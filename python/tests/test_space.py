@@ -558,7 +558,7 @@ def on_a_sphere(count: int, radius_m: float) -> dict[str, np.ndarray]:
     return {
         "points": radius_m * normals,
         "normals": normals,
-        "sd_m": np.full(count, 5e-6),
+        "covariance_m2": 5e-6**2 * np.einsum("ni,nj->nij", normals, normals),
         "normal_sd_rad": np.full(count, 5e-3),
         "touch": np.arange(count) % 2,
     }
@@ -588,11 +588,10 @@ def test_verif_a_surface_is_fitted_to_the_points_of_a_replay(trial):
     replay = trial.replay("recommended")
     known = np.flatnonzero(replay.calibrated & (replay.sd_m < 1e-3))
     normals = replay.normal_world[known]
-    along = np.einsum("ni,nij,nj->n", replay.normal[known], replay.covariance_m2[known], replay.normal[known])
     surface = wc.SpatialSurface.fit(
         replay.surface_world[known],
         normals,
-        np.sqrt(along),
+        replay.covariance_world_m2[known],
         np.sqrt(0.5 * np.trace(replay.normal_covariance[known], axis1=1, axis2=2)),
         np.zeros(len(known), dtype=int),
     )
@@ -605,7 +604,9 @@ def test_verif_a_surface_is_fitted_to_the_points_of_a_replay(trial):
     ("change", "words"),
     [
         ({"normals": np.zeros((4, 3))}, r"normals\[0\]: found length 0, expected a unit vector"),
-        ({"sd_m": np.array([1e-6, -1e-6, 0.0, 0.0])}, r"sd_m\[1\]: found -0.000001, expected zero or more"),
+        ({"covariance_m2": np.zeros((4, 3))}, r"covariance_m2: found an array of shape \[4, 3\], expected shape \[n, 3, 3\]"),
+        ({"covariance_m2": -np.stack([np.eye(3)] * 4)}, r"covariance_m2\[0\]: found .*, expected a symmetric matrix"),
+        ({"normal_sd_rad": np.array([1e-6, -1e-6, 0.0, 0.0])}, r"normal_sd_rad\[1\]: found -0.000001, expected zero or more"),
         ({"touch": np.zeros(3, dtype=int)}, "touch: found 3 rows, expected 4"),
         ({"points": np.zeros((4, 2))}, r"points: found an array of shape \[4, 2\]"),
     ],

@@ -609,6 +609,8 @@ class SpatialReplay:
     @property
     def covariance_m2(self) -> _Floats: ...
     @property
+    def covariance_world_m2(self) -> _Floats: ...
+    @property
     def sd_m(self) -> _Floats: ...
     @property
     def normal(self) -> _Floats: ...
@@ -646,7 +648,7 @@ class SpatialSurface:
     def fit(
         points: ArrayLike,
         normals: ArrayLike,
-        sd_m: ArrayLike,
+        covariance_m2: ArrayLike,
         normal_sd_rad: ArrayLike,
         touch: Sequence[int] | NDArray[np.integer[Any]],
     ) -> SpatialSurface: ...
@@ -654,7 +656,7 @@ class SpatialSurface:
         self,
         points: ArrayLike,
         normals: ArrayLike,
-        sd_m: ArrayLike,
+        covariance_m2: ArrayLike,
         normal_sd_rad: ArrayLike,
         touch: Sequence[int] | NDArray[np.integer[Any]],
     ) -> None: ...

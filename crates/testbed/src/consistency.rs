@@ -42,6 +42,12 @@ pub const SPATIAL_NEES_FREEDOM: usize = 3;
 /// Degrees of freedom of the NIS: one reading.
 pub const NIS_FREEDOM: usize = 1;
 
+/// Relative scatter of averages that is due to rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// Largest number of independent instants of an average: more than a trial has.
+const MOST_INSTANTS: f64 = 1e6;
+
 /// Probability that the average of a consistent estimator is in [`interval`].
 const LEVEL: f64 = 0.95;
 
@@ -214,12 +220,12 @@ impl ErrorConsistency {
 
 /// Equivalent number of independent instants per average over time, by the scatter of averages about their mean: averages
 /// over `m` independent values that are chi-square with `f` degrees of freedom have the relative variance `2 / (f m)`.
-/// `None` without scatter, as of a single average.
+/// `None` without scatter beyond rounding, as of a single average.
 fn independent_instants(freedom: usize, averages: &[f64]) -> Option<f64> {
     let value = mean(averages.iter().copied())?;
     let squares: f64 = averages.iter().map(|average| (average - value).powi(2)).sum();
     let relative_variance = squares / (averages.len() as f64 - 1.0) / value.powi(2);
-    (relative_variance > 0.0).then(|| 2.0 / (freedom as f64 * relative_variance))
+    (relative_variance > ROUNDING * ROUNDING).then(|| (2.0 / (freedom as f64 * relative_variance)).min(MOST_INSTANTS))
 }
 
 /// Verdict of a consistency test.
@@ -288,6 +294,14 @@ mod tests {
         assert!((low - exact_low).abs() < 2e-3 && (high - exact_high).abs() < 2e-3, "{low} {high}");
         let alone = Average::of_trials(2, &[1.7]).unwrap();
         assert_eq!(alone.interval, interval(2, 1.0));
+    }
+
+    #[test]
+    fn regress_trials_that_are_alike_have_an_interval_at_once() {
+        let rounded = Average::of_trials(2, &[1.7, 1.7 + 2e-16, 1.7 - 2e-16]).unwrap();
+        assert_eq!(rounded.interval, interval(2, 3.0), "differences by rounding are no scatter");
+        let alike = Average::of_trials(2, &[1.7, 1.7 + 1e-7, 1.7 - 1e-7]).unwrap();
+        assert_eq!(alike.interval, interval(2, 3.0 * MOST_INSTANTS));
     }
 
     /// Quantiles of the binomial distribution: among 25 instants, 20 and fewer have the probability 0.0072 and 21 and

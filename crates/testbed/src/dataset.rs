@@ -151,13 +151,10 @@ impl Dataset {
             }
         }
         if paths.is_empty() {
-            let remedy = match role {
-                Role::Calibration => {
-                    "simulate a scene with this role into the folder, or name other calibrations by --calibrations"
-                }
-                Role::Trial => "simulate a scene with this role into the folder",
-            };
-            bail!("{}: found no traces with the role `{}`; {remedy}", self.folder.display(), role.name());
+            let (folder, role) = (self.folder.display(), role.name());
+            bail!(
+                "{folder}: found no traces with the role `{role}`; simulate a scene or import a recording with this role"
+            );
         }
         Ok(paths)
     }

@@ -222,6 +222,7 @@ fn robust_numbers_out_of_range_state_the_range() {
     replay("--noise", "NaN", &["'NaN'", "--noise", "0 to 10"]);
     replay("--seed", "-1", &["'-1'", "--seed", "a whole number, 0 to "]);
     replay("--config", r#"{"fading": 1e400}"#, &["--config", "column 16", "number out of range"]);
+    replay("--config", "missing.json", &["--config", "neither a JSON object nor a file"]);
     let gain = whisker(&["evaluate", "datasets/golden", "--miscalibrate", r#"{"gain": "x"}"#]);
     let text = String::from_utf8(gain.stderr).unwrap();
     assert!(gain.status.code() == Some(2) && text.contains(r#"column 12: found "x", expected a number"#), "{text}");
@@ -291,7 +292,10 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
         let place = format!("settings.json: {key}");
         let words = [place.as_str(), "do not apply to traces in space", "expected those of estimators"];
         evaluate(&["--config", settings.to_str().unwrap()], &words);
+        let place = format!("--config: {key}");
+        evaluate(&["--config", text], &[place.as_str(), words[1]]);
     }
+    evaluate(&["--config", r#"{"line": 1e400}"#], &["--config: column 10", "number out of range"]);
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
     evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
     evaluate(&["--front-end", "optical"], &unknown);

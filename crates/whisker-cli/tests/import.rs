@@ -270,9 +270,16 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     let square = values.dot(&deviation.covariance.cholesky().unwrap().solve(&values));
     assert!(square < CHI2_6_99 && deviation.shift_m.norm() < 0.5e-3, "{square} {deviation:?}");
     good(&["replay", text(&path), "--estimator", "point", "--calibration", text(&mounted), "--out", text(&estimates)]);
-    let refused = mount(&path);
-    let errors = String::from_utf8_lossy(&refused.stderr);
-    assert!(errors.contains("expected another place for the output") && errors.lines().count() == 1, "{errors}");
+    let copies = ["mount", text(&path), text(&path), "--calibration", text(&calibration), "--out", text(&mounted)];
+    let refused = whisker(&copies);
+    for (refused, words) in [
+        (refused, "expected each trace once"),
+        (mount(&calibration), "expected another place for the output"),
+        (mount(&path), "expected another place for the output"),
+    ] {
+        let errors = String::from_utf8_lossy(&refused.stderr);
+        assert!(errors.contains(words) && errors.lines().count() == 1, "{errors}");
+    }
 }
 
 /// Asserts that an import in space fails with a single line that contains every one of `words`.

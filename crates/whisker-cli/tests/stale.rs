@@ -349,6 +349,24 @@ fn robust_an_interrupted_evaluation_leaves_no_process_of_its_programs() {
 }
 
 #[test]
+fn regress_a_program_that_failed_or_imports_a_changed_file_is_evaluated_again() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    fs::write(bench.path("program.sh"), ". ./imported.sh\n").unwrap();
+    let evaluate = |options: &[&str]| {
+        let mut command = bench.command("evaluate datasets/mine --estimators ekf --seeds 2 --name run");
+        let output = command.args(["--exec", "sh program.sh"]).args(options).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).contains("(up to date)"))
+    };
+    fs::write(bench.path("imported.sh"), "exit 1\n").unwrap();
+    assert_eq!(evaluate(&[]), (Some(3), false));
+    fs::write(bench.path("imported.sh"), "read first; while read row; do echo null; done\n").unwrap();
+    assert_eq!(evaluate(&[]), (Some(0), false), "its failure has been mended");
+    assert_eq!(evaluate(&[]), (Some(0), true));
+    assert_eq!(evaluate(&["--force"]), (Some(0), false), "what it imports may have changed");
+}
+
+#[test]
 fn robust_a_finished_run_with_other_settings_is_kept() {
     let bench = Bench::new();
     bench.good(FIT);

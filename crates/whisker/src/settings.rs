@@ -34,6 +34,11 @@ pub trait Settings: DeserializeOwned + Serialize {
     fn validate(&self) -> Result<(), SettingsError>;
 }
 
+/// Settings as JSON.
+pub(crate) fn to_json(settings: &impl Serialize) -> Value {
+    serde_json::to_value(settings).expect("settings serialise")
+}
+
 /// Key that names the variant of a settings object.
 const KIND: &str = "kind";
 

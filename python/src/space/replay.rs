@@ -114,6 +114,12 @@ impl SpatialReplay {
         matrices(py, self.map(|_, estimate| Some(estimate.covariance_m2)))
     }
 
+    /// Posterior covariances of the contacts (n, 3, 3), in World (m2).
+    #[getter]
+    fn covariance_world_m2<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        matrices(py, self.map(|base, estimate| Some(base.turn(estimate.covariance_m2))))
+    }
+
     /// Standard deviations of the contacts (n), in m: square root of the trace of the covariance.
     #[getter]
     fn sd_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::arrays::{Numbers, column, numbers, rows, same_length, vectors};
+use crate::arrays::{Numbers, column, covariances, numbers, rows, same_length, vectors};
 use crate::error::refused;
 use crate::interrupt;
 
@@ -34,15 +34,16 @@ pub(crate) struct SpatialSurface {
 fn contacts(
     points: &Numbers<'_>,
     normals: &Numbers<'_>,
-    sd_m: &Numbers<'_>,
+    covariance_m2: &Numbers<'_>,
     normal_sd_rad: &Numbers<'_>,
     touch: &[usize],
 ) -> PyResult<Vec<OrientedPoint>> {
     let (points, normals) = (rows::<3>("points", points)?, rows::<3>("normals", normals)?);
-    let (sd_m, normal_sd_rad) = (numbers("sd_m", sd_m)?, numbers("normal_sd_rad", normal_sd_rad)?);
+    let covariances_m2 = covariances("covariance_m2", covariance_m2)?;
+    let normal_sd_rad = numbers("normal_sd_rad", normal_sd_rad)?;
     let lengths = [
         ("normals", normals.len()),
-        ("sd_m", sd_m.len()),
+        ("covariance_m2", covariances_m2.len()),
         ("normal_sd_rad", normal_sd_rad.len()),
         ("touch", touch.len()),
     ];
@@ -50,10 +51,8 @@ fn contacts(
         same_length(what, found, "points", points.len())?;
     }
     let contact = |row: usize| {
-        for (what, found) in [("sd_m", sd_m[row]), ("normal_sd_rad", normal_sd_rad[row])] {
-            if found < 0.0 {
-                return Err(refused(&format!("{what}[{row}]"), found, "zero or more"));
-            }
+        if normal_sd_rad[row] < 0.0 {
+            return Err(refused(&format!("normal_sd_rad[{row}]"), normal_sd_rad[row], "zero or more"));
         }
         let normal = Vector3::from(normals[row]);
         let unit = normal.try_normalize(0.0).filter(|_| (normal.norm() - 1.0).abs() < 1e-3);
@@ -63,7 +62,7 @@ fn contacts(
         Ok(OrientedPoint {
             at: Point::from_vector(Vector3::from(points[row])),
             normal,
-            sd_m: sd_m[row],
+            covariance_m2: covariances_m2[row],
             normal_sd_rad: normal_sd_rad[row],
             touch: touch[row],
         })
@@ -81,23 +80,23 @@ impl SpatialSurface {
         Ok(Self { surface: ImplicitSurface::new(length_m) })
     }
 
-    /// The surface of touched points (n, 3) in World (m), as `surface_world` of a replay, with unit normals (n, 3) out of the object, the
-    /// standard deviations (n) of the points along the normals (m) and of the normals (rad), and the numbers (n) of their touches, with
-    /// the length scale that has the largest evidence.
+    /// The surface of touched points (n, 3) in World (m), unit normals (n, 3) out of the object, covariances (n, 3, 3) of the points in
+    /// World (m2), standard deviations (n) of the normals (rad), and numbers (n) of the touches, with the length scale that has the
+    /// largest evidence. A replay has the first three as `surface_world`, `normal_world` and `covariance_world_m2`.
     ///
     /// Errors of one touch are common to its points. Of more than 120 points, the most certain one of each touch in each cell of 1 mm, or
-    /// more, is used. Raises `ValueError` for arrays of different lengths, negative
-    /// standard deviations and normals that are no unit vectors.
+    /// more, is used. Raises `ValueError` for arrays of different lengths, matrices that are no covariances, negative standard deviations,
+    /// and normals that are no unit vectors.
     #[staticmethod]
     fn fit(
         py: Python<'_>,
         points: Numbers<'_>,
         normals: Numbers<'_>,
-        sd_m: Numbers<'_>,
+        covariance_m2: Numbers<'_>,
         normal_sd_rad: Numbers<'_>,
         touch: Vec<usize>,
     ) -> PyResult<Self> {
-        let contacts = contacts(&points, &normals, &sd_m, &normal_sd_rad, &touch)?;
+        let contacts = contacts(&points, &normals, &covariance_m2, &normal_sd_rad, &touch)?;
         let surface = py.detach(|| ImplicitSurface::fit(&contacts, &LENGTHS_M));
         Ok(Self { surface: surface.expect("there are lengths") })
     }
@@ -109,11 +108,11 @@ impl SpatialSurface {
         py: Python<'_>,
         points: Numbers<'_>,
         normals: Numbers<'_>,
-        sd_m: Numbers<'_>,
+        covariance_m2: Numbers<'_>,
         normal_sd_rad: Numbers<'_>,
         touch: Vec<usize>,
     ) -> PyResult<()> {
-        let contacts = contacts(&points, &normals, &sd_m, &normal_sd_rad, &touch)?;
+        let contacts = contacts(&points, &normals, &covariance_m2, &normal_sd_rad, &touch)?;
         interrupt::each(py, contacts.len(), |row| {
             self.surface.add(&contacts[row]);
             Ok(())

@@ -1,5 +1,6 @@
 //! The mounting of a sensor, learnt from recordings of touches at known places.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -18,7 +19,7 @@ use crate::fit::check_replaces_calibration;
 /// mounting, and returns it.
 ///
 /// # Errors
-/// If a file cannot be read, the calibration is one of another whisker or of the counts of a sensor, a trace states no contact, the
+/// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a trace states no contact, the
 /// contacts do not determine the mounting, or `out` exists and is not a calibration in space.
 pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounting> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
@@ -35,7 +36,15 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
             calibration.display()
         );
     }
+    let paths = traces;
     let traces = traces.iter().map(|path| SpatialTrace::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let mut first_with = BTreeMap::new();
+    for (path, trace) in paths.iter().zip(&traces) {
+        // Touches that are given twice would seem to determine the mounting better.
+        if let Some(same) = first_with.insert(trace.sidecar.data_sha256(), path) {
+            bail!("{}: found the same content as {}, expected each trace once", path.display(), same.display());
+        }
+    }
     let (mut touches, mut used) = (Vec::new(), 0);
     let mut largest_sd_n_m = 0.0_f64;
     let calibrated = file.calibrated(calibration, None)?;

@@ -139,6 +139,7 @@ fn write_maps(folder: &Path, run: &SpatialRun) -> anyhow::Result<()> {
                 mean_m: statistics::mean(distances.iter().copied()),
                 p95_m: statistics::quantile_of_sorted(&distances, 0.95),
                 surface_m2: map.surface.area_m2(),
+                surface_certain_m2: map.surface.certain_area_m2(),
                 surface_mean_m: surface.and_then(|score| score.mean_m),
                 surface_coverage: surface.and_then(|score| score.coverage),
             })
@@ -163,7 +164,8 @@ pub struct SpatialWritten {
 
 /// Evaluates a dataset and writes the tables into a folder, unless a run with the same inputs is there. A finished run with
 /// the same settings is replaced when its traces, its calibrations or the code have changed; one with other settings only
-/// if `force` is set. Files of the user in the folder are kept.
+/// if `force` is set. A run of external programs on which one failed, or that is to be replaced with `force`, is never up to date: what a
+/// program imports is not known. Files of the user in the folder are kept.
 ///
 /// # Errors
 /// As [`super::evaluate::evaluate()`], and if the folder holds other results, a finished run has other settings or a file
@@ -183,6 +185,7 @@ pub fn evaluate_into(
             && is_complete(&run, folder)
             && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
             && let (Ok(times), Ok(failures)) = (SpatialRun::times(folder), SpatialRun::failures(folder))
+            && (settings.programs.is_empty() || failures.is_empty() && !force)
         {
             tidy(folder)?;
             return Ok(SpatialWritten { summary, times, failures, is_new: false });

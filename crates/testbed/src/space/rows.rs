@@ -162,6 +162,8 @@ pub struct SpatialMapRow {
     pub p95_m: Option<f64>,
     /// Area of the surface.
     pub surface_m2: f64,
+    /// Area of its triangles whose vertices have a standard deviation of at most 0.1 mm.
+    pub surface_certain_m2: f64,
     /// Mean distance of its vertices with a standard deviation of at most 0.1 mm from the true solid, not aligned. `None` if the
     /// true solid is a mesh, or without such vertices.
     pub surface_mean_m: Option<f64>,

@@ -60,11 +60,23 @@ impl SurfaceMesh {
 
     /// Area of all triangles (m2).
     pub fn area_m2(&self) -> f64 {
-        let area = |corners: &[u32; 3]| {
-            let [a, b, c] = corners.map(|corner| self.vertices[corner as usize].on.at.vector());
+        self.area_up_to_m2(f64::INFINITY)
+    }
+
+    /// Area of the triangles whose vertices have a standard deviation of at most 0.1 mm (m2).
+    pub fn certain_area_m2(&self) -> f64 {
+        self.area_up_to_m2(CERTAIN_SD_M)
+    }
+
+    /// Area of the triangles whose vertices have at most this standard deviation.
+    fn area_up_to_m2(&self, sd_m: f64) -> f64 {
+        let corners = self.triangles.iter().map(|corners| corners.map(|corner| self.vertices[corner as usize].on));
+        let certain = corners.filter(|corners| corners.iter().all(|corner| corner.sd_m <= sd_m));
+        let area = |corners: [ProjectedPoint; 3]| {
+            let [a, b, c] = corners.map(|corner| corner.at.vector());
             0.5 * (b - a).cross(&(c - a)).norm()
         };
-        self.triangles.iter().map(area).sum()
+        certain.map(area).sum()
     }
 
     /// Distances from a solid, without alignment.
@@ -173,7 +185,8 @@ mod tests {
             let normal =
                 Vector3::new(polar_rad.sin() * azimuth.cos(), polar_rad.sin() * azimuth.sin(), polar_rad.cos());
             let at = Point::from_vector(Vector3::from(CENTER_M) + RADIUS_M * normal);
-            OrientedPoint { at, normal, sd_m, normal_sd_rad: 5e-3, touch }
+            let covariance_m2 = normal * normal.transpose() * sd_m * sd_m;
+            OrientedPoint { at, normal, covariance_m2, normal_sd_rad: 5e-3, touch }
         };
         (0..100).map(contact).collect()
     }
@@ -190,6 +203,7 @@ mod tests {
         // The band between the circles, and a margin of some millimetres.
         let between_m2 = 2.0 * RADIUS_M * RADIUS_M * (0.5_f64.cos() - 0.9_f64.cos());
         assert!((1.0..4.0).contains(&(mesh.area_m2() / between_m2)), "{}", mesh.area_m2() / between_m2);
+        assert!((0.3..0.9).contains(&(mesh.certain_area_m2() / mesh.area_m2())), "{}", mesh.certain_area_m2());
         let mut edges: BTreeMap<(u32, u32), usize> = BTreeMap::new();
         for corners in &mesh.triangles {
             let [a, b, c] = corners.map(|corner| mesh.vertices[corner as usize]);
@@ -207,7 +221,7 @@ mod tests {
     fn verif_where_the_points_are_uncertain_there_is_no_surface() {
         let points = along_a_circle(0.7, 0, 2.0 * MOST_SD_M);
         let mesh = SurfaceMesh::new(&[points]);
-        assert!(mesh.triangles.is_empty() && mesh.area_m2() == 0.0);
+        assert!(mesh.triangles.is_empty() && mesh.area_m2() == 0.0 && mesh.certain_area_m2() == 0.0);
         let score = mesh.score(&Solid::Sphere { radius_m: RADIUS_M, center_m: CENTER_M });
         assert_eq!(score, SurfaceScore { mean_m: None, coverage: None });
     }

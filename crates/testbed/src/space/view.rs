@@ -125,9 +125,8 @@ impl SpatialObserver {
         let (at, normal, covariance_m2) = surface?;
         let cell = Cell(index(at, CELL_M));
         view.cells.entry(cell).or_default().add(at, normal, covariance_m2);
-        let sd_m = normal.dot(&(covariance_m2 * normal)).max(0.0).sqrt();
         let (at, normal_sd_rad) = (Point::from_vector(at), row.normal_sd_rad?);
-        Some((cell, OrientedPoint { at, normal, sd_m, normal_sd_rad, touch: self.touches }))
+        Some((cell, OrientedPoint { at, normal, covariance_m2, normal_sd_rad, touch: self.touches }))
     }
 
     /// The whisker.

@@ -7,13 +7,14 @@ use std::sync::atomic::Ordering;
 use std::thread::{self, sleep};
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use evaluation::evaluate::{
     EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
 };
 use evaluation::participant::{Program, end_programs};
 use files::read_json;
 use platform::interrupt;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use testbed::dataset::Dataset;
@@ -29,7 +30,7 @@ use whisker::events::{FORMER_NAMES, TouchConfig};
 use super::output::{check_apart, lies_in, reserve_folder};
 use super::progress::Progress;
 use super::space::{Evaluation, evaluate_in_space};
-use super::{FINISHED_WITH_FAILURES, front_end, json, noise_fraction, print, table};
+use super::{FINISHED_WITH_FAILURES, front_end, is_literal, json, noise_fraction, print, table};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
@@ -110,10 +111,10 @@ pub(super) struct Arguments {
     /// Longest wait for one answer of an external estimator
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
-    /// JSON file with settings by estimator, of the contact detection and of maps: {"ekf": {"fading": 1.01}, "touch":
-    /// {"detector": "band-pass"}, "map": {"cell_m": 0.001}}
-    #[arg(long)]
-    config: Option<PathBuf>,
+    /// Settings by estimator, of the contact detection and of maps, as JSON or as a JSON file: '{"ekf": {"fading": 1.01},
+    /// "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}'
+    #[arg(long, value_name = "JSON or FILE")]
+    config: Option<String>,
     #[command(flatten)]
     front_end: front_end::Arguments,
     /// Noise levels to add in the unit of --noise-unit, separated by commas [default: 0.01; 0 for a front end with its
@@ -144,7 +145,8 @@ pub(super) struct Arguments {
     /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Replace a finished run of the same name that has other settings; a run with the same inputs is up to date and stays
+    /// Replace a finished run of the same name that has other settings, or programs (--exec) of which an imported module has changed; a
+    /// run of registered estimators with the same inputs is up to date and stays
     #[arg(long)]
     force: bool,
     /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or
@@ -160,11 +162,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let traces = arguments.traces.as_deref();
     let datasets: Vec<Dataset> =
         arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
-    let Config { touch, map, estimators: config } =
-        arguments.config.as_deref().map(read_json).transpose()?.unwrap_or_default();
-    if let Some(path) = &arguments.config {
-        note_former_names(path)?;
-    }
+    let Config { touch, map, estimators: config } = configured(arguments)?.unwrap_or_default();
+    note_former_names(arguments)?;
     let joined = || datasets.iter().map(|dataset| dataset.name.as_str()).collect::<Vec<_>>().join("+");
     let program = |text: &String| Program::new(text, arguments.exec_timeout);
     let programs: Vec<Program> = arguments.exec.iter().map(program).collect::<anyhow::Result<_>>()?;
@@ -175,10 +174,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if datasets.iter().map(Dataset::is_spatial).collect::<anyhow::Result<Vec<_>>>()?.contains(&true) {
         let of_plane = [("touch", touch.is_some()), ("map", map.is_some())];
         if let Some((key, _)) = of_plane.into_iter().find(|(_, is_given)| *is_given) {
-            let path = arguments.config.as_deref().unwrap_or(Path::new("--config"));
             bail!(
                 "{}: {key}: found settings that do not apply to traces in space, expected those of estimators",
-                path.display()
+                config_source(arguments)
             );
         }
         return in_space(arguments, &datasets, config, programs);
@@ -328,13 +326,32 @@ pub(super) fn conclusion(failures: &[FailureRow]) -> ExitCode {
     if failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) }
 }
 
-/// Prints a note for each setting of contact detection that the file states under its former name.
-fn note_former_names(path: &Path) -> anyhow::Result<()> {
-    let file: Value = read_json(path)?;
-    let Some(touch) = file.get("touch").and_then(Value::as_object) else { return Ok(()) };
+/// File of the settings. `None` if there are none, or they are given literally.
+fn config_file(arguments: &Arguments) -> Option<&Path> {
+    arguments.config.as_deref().filter(|text| !is_literal(text)).map(Path::new)
+}
+
+/// Where the settings come from, for messages.
+fn config_source(arguments: &Arguments) -> String {
+    config_file(arguments).map_or_else(|| "--config".into(), |path| path.display().to_string())
+}
+
+/// The settings, if there are any.
+fn configured<T: DeserializeOwned + Serialize>(arguments: &Arguments) -> anyhow::Result<Option<T>> {
+    let Some(text) = &arguments.config else { return Ok(None) };
+    match config_file(arguments) {
+        Some(path) => Ok(Some(read_json(path)?)),
+        None => Ok(Some(json(text).map_err(|error| anyhow!("--config: {error}"))?)),
+    }
+}
+
+/// Prints a note for each setting of contact detection that is stated under its former name.
+fn note_former_names(arguments: &Arguments) -> anyhow::Result<()> {
+    let settings: Option<Value> = configured(arguments)?;
+    let Some(touch) = settings.as_ref().and_then(|all| all.get("touch")?.as_object()) else { return Ok(()) };
     for (former, present) in FORMER_NAMES {
         if touch.contains_key(former) || touch.get("detector").is_some_and(|name| name == former) {
-            eprintln!("{}: `{former}` is the former name of `{present}`", path.display());
+            eprintln!("{}: `{former}` is the former name of `{present}`", config_source(arguments));
         }
     }
     Ok(())
@@ -355,7 +372,7 @@ fn check_run_folder(folder: &Path, inputs: &[PathBuf], datasets: &[Dataset]) -> 
 /// Files and folders that the evaluation reads.
 fn inputs(arguments: &Arguments, datasets: &[Dataset]) -> Vec<PathBuf> {
     let of_datasets = datasets.iter().flat_map(|dataset| [dataset.input.clone(), dataset.folder.clone()]);
-    of_datasets.chain(arguments.calibrations.clone()).chain(arguments.config.clone()).collect()
+    of_datasets.chain(arguments.calibrations.clone()).chain(config_file(arguments).map(Path::to_owned)).collect()
 }
 
 /// Prints the amount of work and its expected duration to stderr, if the duration is known.

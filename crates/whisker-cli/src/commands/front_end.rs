@@ -1,11 +1,9 @@
 //! Options that select a front end, shared by the commands that replay traces.
 
-use std::fs;
-
 use serde_json::Value;
 use testbed::front_end::{FRONT_ENDS, FrontEndConfig};
 
-use super::json;
+use super::json_or_file;
 
 /// A front end and its settings.
 // Without its own group: the command that flattens these has a group of the same name.
@@ -31,12 +29,4 @@ impl Arguments {
     pub(super) fn choice(&self) -> FrontEndConfig {
         FrontEndConfig { name: self.front_end.clone(), config: self.front_end_config.clone() }
     }
-}
-
-/// Parses a JSON object, given literally or as a file.
-fn json_or_file(text: &str) -> Result<Value, String> {
-    if text.trim_start().starts_with('{') {
-        return json(text);
-    }
-    json(&fs::read_to_string(text).map_err(|error| format!("neither a JSON object nor a file: {error}"))?)
 }

@@ -24,12 +24,14 @@ mod simulate;
 mod space;
 mod table;
 
+use std::fs;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use strict_json::{parse_json, reason};
 use trace::MOST_NOISE;
 
@@ -131,4 +133,18 @@ fn json<T: DeserializeOwned + Serialize>(text: &str) -> Result<T, String> {
         0 => reason(&error),
         column => format!("column {column}: {}", reason(&error)),
     })
+}
+
+/// Whether an argument that is a JSON object or the name of a file is the former.
+fn is_literal(text: &str) -> bool {
+    text.trim_start().starts_with('{')
+}
+
+/// Parses a JSON object, given literally or as a file.
+fn json_or_file(text: &str) -> Result<Value, String> {
+    if is_literal(text) {
+        return json(text);
+    }
+    json(&fs::read_to_string(text).map_err(|error| format!("neither a JSON object nor a file: {error}"))?)
+        .map_err(|error| format!("{text}: {error}"))
 }

@@ -30,7 +30,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { traces, calibration, out } = arguments;
     traces.iter().try_for_each(|trace| check_trace(trace))?;
-    let _lock = reserve(out, traces)?;
+    let inputs: Vec<PathBuf> = traces.iter().chain([calibration]).cloned().collect();
+    let _lock = reserve(out, &inputs)?;
     let learnt = mount(calibration, traces, out)?;
     let sds = learnt.covariance.diagonal().map(f64::sqrt);
     let row = |what: &str, unit: &str, value: Vector3<f64>, sd: Vector3<f64>| {

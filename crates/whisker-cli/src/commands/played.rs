@@ -17,7 +17,7 @@ use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass}
 use whisker::events::TouchConfig;
 use whisker::space::estimators::SpatialEstimatorRow;
 
-use super::{front_end, json, noise_fraction, seed};
+use super::{front_end, json_or_file, noise_fraction, seed};
 
 /// Options of the estimator and of its input.
 // Without its own group: the command that flattens these has a group of the same name.
@@ -44,8 +44,8 @@ pub(super) struct MethodArguments {
     /// Estimator (`whisker list estimators`; for a trace in space `space-estimators`)
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
-    /// Settings of the estimator as JSON, for example '{"fading": 1.01}'
-    #[arg(long, default_value = "{}", value_parser = json::<Value>)]
+    /// Settings of the estimator, as JSON or as a JSON file: '{"fading": 1.01}'
+    #[arg(long, default_value = "{}", value_name = "JSON or FILE", value_parser = json_or_file)]
     config: Value,
 }
 

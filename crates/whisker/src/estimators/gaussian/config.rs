@@ -8,7 +8,7 @@ use crate::estimators::doubt::Search;
 use crate::estimators::motion::{MotionSettings, Round};
 use crate::estimators::start::Start;
 use crate::estimators::systematic::SystematicSettings;
-use crate::estimators::to_json;
+use crate::settings::to_json;
 use crate::settings::{Settings, SettingsError, within};
 
 /// Way of the base over which the methods of `recommended` average the readings before a touch: a reading hardly deviates

@@ -16,8 +16,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::estimators::systematic::SystematicSettings;
-use crate::estimators::{Ahead, Estimate, Method, Sample, Touch, Tracker, Undetected, to_json};
+use crate::estimators::{Ahead, Estimate, Method, Sample, Touch, Tracker, Undetected};
 use crate::frames::{Base, Point};
+use crate::settings::to_json;
 use crate::settings::{SettingsError, within};
 
 /// Settings of the alternative.

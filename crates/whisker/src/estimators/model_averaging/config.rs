@@ -11,7 +11,7 @@ use crate::estimators::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use crate::estimators::second::SecondSettings;
 use crate::estimators::shares::MOST_MODELS;
 use crate::estimators::systematic::SystematicSettings;
-use crate::estimators::to_json;
+use crate::settings::to_json;
 use crate::settings::{Settings, SettingsError, within};
 
 /// A method to average over.

@@ -90,7 +90,7 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
     }
     // Settings that are not given are those of hindsight.
     let config = match config.as_object() {
-        Some(own) => parse::<Config>(&with_defaults(own, super::to_json(&Config::hindsight())))?,
+        Some(own) => parse::<Config>(&with_defaults(own, crate::settings::to_json(&Config::hindsight())))?,
         None => parse(config)?,
     };
     // Revised estimates are those of single samples.

@@ -22,6 +22,18 @@ impl LogEvidence {
         }
     }
 
+    /// Whether a round has ended.
+    pub(super) fn is_weighed(&self) -> bool {
+        self.round.is_some()
+    }
+
+    /// That of a fit which began anew, if one object explains the readings of both fits with the evidence `of_all`; `since` their means
+    /// were taken the readings have another.
+    pub(super) fn joined(&self, forerunner: &Self, of_all: f64, since: f64) -> Self {
+        let joined = Self { round: Some(of_all), since, before: forerunner.before, consistent: None };
+        joined.consistent()
+    }
+
     /// Whether the fit began anew.
     pub(super) fn is_anew(&self) -> bool {
         self.before.is_some()
@@ -82,6 +94,16 @@ mod tests {
         (anew.round, anew.since) = (Some(-5.0), 1.0);
         assert_eq!(anew.total(), Some(-104.0));
         assert_eq!(anew.anew().total(), Some(-104.0));
+    }
+
+    #[test]
+    fn verif_the_evidence_of_one_object_replaces_that_of_two() {
+        let first = LogEvidence::default().after(Some(-500.0), -20.0);
+        let second = first.anew().after(Some(-30.0), -2.0);
+        let joined = second.joined(&first, -60.0, -1.0);
+        assert_eq!((second.total(), joined.total(), joined.is_anew()), (Some(-552.0), Some(-61.0), false));
+        let third = second.anew().after(Some(-10.0), 0.0);
+        assert_eq!(third.joined(&second, -45.0, 0.0).total(), Some(-565.0), "that of the first fit still counts");
     }
 
     #[test]

@@ -30,6 +30,7 @@
 mod config;
 mod correlated;
 mod evidence;
+mod forerunner;
 mod memory;
 mod mode;
 mod present;
@@ -41,6 +42,7 @@ use filters::Gaussian;
 
 pub(super) use self::config::Config;
 use self::evidence::LogEvidence;
+use self::forerunner::{Forerunner, Joining};
 use self::memory::Memory;
 use self::mode::Mode;
 use self::readings::{Mean, Readings};
@@ -131,6 +133,10 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     starts: Vec<Mode<Model::Object, N>>,
     next_start: usize,
     round: Option<Round<Model::Object, N>>,
+    /// The fit that ended when this one began anew, until it is known whether one object explains the readings of both, and the search
+    /// that decides it.
+    forerunner: Option<Forerunner>,
+    joining: Option<Joining<Model::Object, N>>,
     /// Time since the last contact with the object.
     lost_s: f64,
     /// Whether the next reading is the first of a touch, or of a fit that begins anew.
@@ -183,6 +189,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             starts: Vec::new(),
             next_start: 0,
             round: None,
+            forerunner: None,
+            joining: None,
             lost_s: 0.0,
             is_first: true,
             released: Pose::identity(),
@@ -203,7 +211,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let likeliest = self.modes.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
         let near_m = likeliest.map(|mode| mode.near.along_m);
         let front = new.front.map(|front| front.slipped(near_m, self.unrest));
-        Self { unrest: self.unrest, ringing: self.ringing, log_evidence: self.log_evidence.anew(), front, ..new }
+        let (forerunner, log_evidence) = (self.forerunner(), self.log_evidence.anew());
+        Self { unrest: self.unrest, ringing: self.ringing, forerunner, log_evidence, front, ..new }
     }
 
     /// Begins a touch of a known object: its contact is sought from the place of the last one.
@@ -248,7 +257,12 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Goes on with the searches, for a step of `dt_s`.
     fn search(&mut self, dt_s: f64) {
-        if self.round.is_none() {
+        if self.round.is_none() && self.joining.is_none() {
+            self.begin_joining();
+        }
+        let (mut work, most_work) = (0, self.most_work(dt_s));
+        self.join(&mut work, most_work);
+        if self.round.is_none() && self.joining.is_none() {
             self.round = self.search_of(0, f64::INFINITY).map(|search| Round {
                 means: self.readings.means().to_vec(),
                 mode: 0,
@@ -259,7 +273,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             });
         }
         let gate_sds = self.config.gate_sds;
-        let (mut work, most_work) = (0, self.most_work(dt_s));
         while work < most_work
             && let Some(round) = &mut self.round
         {
@@ -481,7 +494,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.released, self.before_s) = (self.base, self.elapsed_s);
             self.readings.leave();
             // The evidence of an unfinished round would count as that of the next touch.
-            self.round = None;
+            (self.round, self.joining) = (None, None);
             (self.slipped, self.lost_s) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0.0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
         }

@@ -184,6 +184,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         if let Some(round) = &mut self.round {
             round.since += evidence;
         }
+        if let Some(joining) = &mut self.joining {
+            joining.since += evidence;
+        }
     }
 }
 

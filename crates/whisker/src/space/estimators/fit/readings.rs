@@ -86,6 +86,12 @@ impl Mean {
         (base.origin().vector() - self.first.origin().vector(), turn_rad)
     }
 
+    /// The same with another Start.
+    fn seen_from(&self, start: &Pose<Start, Start>) -> Self {
+        let [first, base] = [self.first, self.base].map(|base| base.then(start));
+        Self { first, base, shift_m: start.turn_vector(self.shift_m), ..*self }
+    }
+
     /// Includes the readings of another mean. Neighbouring poses are mostly passed in the same stays, so that the larger number
     /// counts.
     fn join(&mut self, other: &Self) {
@@ -132,6 +138,26 @@ impl Readings {
             self.means[found].stays += 1.0;
         }
         self.last = Some(found);
+        self.bound();
+    }
+
+    /// These readings with another Start.
+    pub(super) fn seen_from(&self, start: &Pose<Start, Start>) -> Self {
+        let means = self.means.iter().map(|mean| mean.seen_from(start)).collect();
+        Self { means, last: None, ..*self }
+    }
+
+    /// These readings and later ones.
+    pub(super) fn followed_by(&self, later: &Self) -> Self {
+        let mut both = Self { scale: self.scale.max(later.scale), ..self.clone() };
+        let moved: Vec<usize> = later.means.iter().map(|mean| both.include(*mean)).collect();
+        both.last = later.last.map(|last| moved[last]);
+        both.bound();
+        both
+    }
+
+    /// Averages more readings if there are too many means.
+    fn bound(&mut self) {
         while self.means.len() > MOST && self.scale.is_finite() {
             self.scale *= COARSER;
             let moved: Vec<usize> =
@@ -220,6 +246,48 @@ mod tests {
             readings.keep(Mean::new(base, Vector2::zeros(), 4e-3, 0.0, Response::default()));
         }
         assert!(readings.means()[0].base().rotation().iter().all(|entry| entry.is_finite()));
+    }
+
+    #[test]
+    fn verif_readings_with_another_start_are_those_of_the_moved_poses() {
+        let start =
+            Pose::<Start, Start>::new(Vector3::new(0.02, -0.01, 0.03), Rotation3::new(Vector3::new(0.3, -0.2, 0.5)));
+        let taken = [(0.0, 0.0), (0.1e-3, 1e-3), (1e-3, 0.0), (0.15e-3, 2e-3)];
+        let (mut before, mut moved) = (Readings::default(), Readings::default());
+        for (x_m, turn_rad) in taken {
+            let one = reading(x_m, turn_rad, x_m);
+            before.keep(one);
+            let base = one.base().then(&start);
+            moved.keep(Mean::new(base, one.reading_n_m, one.duration_s, 0.0, Response::default()));
+        }
+        let found = before.seen_from(&start);
+        assert_eq!(found.means().len(), 2);
+        for (one, other) in found.means().iter().zip(moved.means()) {
+            assert!(one.base().origin().distance(&other.base().origin()) < 1e-12);
+            assert!((one.base().rotation() - other.base().rotation()).norm() < 1e-9);
+            assert!((one.shift_m - other.shift_m).norm() < 1e-12 && one.count == other.count);
+        }
+    }
+
+    #[test]
+    fn verif_later_readings_join_the_means_of_the_earlier_ones() {
+        let [mut earlier, mut later, mut all] = [(); 3].map(|()| Readings::default());
+        let first = [(0.0, 1e-6), (1e-3, 2e-6)];
+        let second = [(1e-3, 4e-6), (2e-3, 3e-6)];
+        for (x_m, reading_n_m) in first {
+            earlier.keep(reading(x_m, 0.0, reading_n_m));
+        }
+        second.iter().for_each(|(x_m, reading_n_m)| later.keep(reading(*x_m, 0.0, *reading_n_m)));
+        first.iter().chain(&second).for_each(|(x_m, reading_n_m)| all.keep(reading(*x_m, 0.0, *reading_n_m)));
+        let both = earlier.followed_by(&later);
+        let summary = |readings: &Readings| {
+            readings.means().iter().map(|mean| (mean.count, mean.reading_n_m.x)).collect::<Vec<_>>()
+        };
+        assert_eq!(summary(&both), summary(&all));
+        assert_eq!((both.means().len(), both.last), (3, Some(2)));
+        let mut many = Readings::default();
+        (0..MOST).for_each(|i| many.keep(reading(0.1 + 1e-3 * i as f64, 0.0, 1e-6)));
+        assert!(both.followed_by(&many).means().len() <= MOST);
     }
 
     #[test]

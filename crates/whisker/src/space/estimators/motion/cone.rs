@@ -6,16 +6,15 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, RADIUS, nearest_angle};
+use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
 use super::rolling::{Axes, Object, Place, Roll, Shape};
-use super::spine::Spine;
-use super::{Motion, RadiusPrior, describe_direction, describe_normal, describe_radius, extended};
+use super::spine::{Spine, describe_axial};
+use super::{Motion, RadiusPrior, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
-use crate::space::sensor::Around;
 
 /// Index in the state of the sine of the half angle. The other entries are those of a rod along the generatrix.
 const SINE: usize = 6;
@@ -87,11 +86,7 @@ impl Motion<7> for Cone {
     }
 
     fn describe(&self, side: &Side, belief: &Gaussian<7>, estimate: &mut Estimate) {
-        if let Some(place) = Place::new(side, Around::of_state(&belief.mean)) {
-            describe_normal(&place, belief, estimate);
-            describe_radius(side, belief, RADIUS, estimate);
-            describe_direction(&place, belief, ANGLE, estimate);
-        }
+        describe_axial(side, belief, estimate);
     }
 }
 

@@ -7,14 +7,13 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape};
-use super::spine::Spine;
-use super::{Motion, RadiusPrior, check_wander, describe_direction, describe_normal, describe_radius, extended};
+use super::spine::{Spine, describe_axial};
+use super::{Motion, RadiusPrior, check_wander, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
 use crate::space::estimators::side::Side;
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::frames::Pose;
-use crate::space::sensor::Around;
 
 /// Length by which the condition on the direction of the force is compared with distances.
 pub(super) const LEVER_M: f64 = 0.05;
@@ -97,11 +96,7 @@ impl Motion<6> for Line {
     }
 
     fn describe(&self, side: &Side, belief: &Gaussian<6>, estimate: &mut Estimate) {
-        if let Some(place) = Place::new(side, Around::of_state(&belief.mean)) {
-            describe_normal(&place, belief, estimate);
-            describe_radius(side, belief, RADIUS, estimate);
-            describe_direction(&place, belief, ANGLE, estimate);
-        }
+        describe_axial(side, belief, estimate);
     }
 }
 

@@ -1,11 +1,24 @@
 //! Axis of a rod or cone, or spine of a torus, at the present instant.
 
+use filters::Gaussian;
 use nalgebra::{SVector, Vector3};
 
 use super::line::{ANGLE, RADIUS};
 use super::rolling::{Axes, Place, TILT, carried};
+use super::{describe_direction, describe_normal, describe_radius};
 use crate::frames::Base;
+use crate::space::estimators::Estimate;
+use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
+use crate::space::sensor::Around;
+
+/// States normal, radius and direction of an object with an axis.
+pub(super) fn describe_axial<const N: usize>(side: &Side, belief: &Gaussian<N>, estimate: &mut Estimate) {
+    let Some(place) = Place::new(side, Around::of_state(&belief.mean)) else { return };
+    describe_normal(&place, belief, estimate);
+    describe_radius(side, belief, RADIUS, estimate);
+    describe_direction(&place, belief, ANGLE, estimate);
+}
 
 /// A point of the axis, its direction there, and a direction across it.
 #[derive(Clone, Copy)]
