@@ -49,7 +49,8 @@ def one_error(read):
         return read()
     except InputError as error:
         line = str(error)
-    assert "Traceback" not in line
+    assert line
+    assert "\n" not in line
     return None
 
 

@@ -72,6 +72,14 @@ def test_val_frequencies_of_the_beam():
     np.testing.assert_allclose(frequencies.chain_hz(whisker, 3), frequencies.beam_hz(whisker, 3), rtol=1e-3)
 
 
+def test_val_the_damping_of_the_preset_is_that_of_the_published_decay():
+    """Time constant 2 / (w^2 (tau + h)) at the time step of the study, by which the ringing falls to the noise in 1.4 s."""
+    preset = PRESETS["straight"][1]
+    omega_rad_s = 2.0 * np.pi * frequencies.beam_hz(preset, 1)[0]
+    damping_s = 2.0 * np.log(ringing.PUBLISHED_FALL) / (omega_rad_s**2 * ringing.PUBLISHED_DYING_S) - ringing._TIMESTEP_S
+    assert preset.damping_s == pytest.approx(damping_s, rel=1e-3)
+
+
 def test_val_ringing_decays_with_the_expected_time_constant():
     """Decay within 1 % of 2 / (w^2 (h + tau)); the energy never increases."""
     row, _ = ringing.release("test", 2e-3, 0.001)

@@ -94,16 +94,22 @@ def _in_processes(jobs: int, job: Job, items: Items, progress: Progress) -> Iter
     context = multiprocessing.get_context("spawn")
     progress.start(shares := context.RawArray("d", len(items)))
     # At most one item per worker is submitted at a time: an interrupted run waits for those items only.
-    with ProcessPoolExecutor(jobs, context, initializer=_set_up_worker, initargs=(shares,)) as executor:
+    with dead_workers_reported(), ProcessPoolExecutor(jobs, context, initializer=_set_up_worker, initargs=(shares,)) as executor:
         rest = iter(enumerate(items))
         running = _submit(executor, job, islice(rest, jobs))
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
             running |= _submit(executor, job, islice(rest, len(done)))
-            try:
-                yield from (future.result() for future in done)
-            except BrokenProcessPool:
-                raise WhiskerSimError("a worker process died, possibly for lack of memory; fewer --jobs may help") from None
+            yield from (future.result() for future in done)
+
+
+@contextmanager
+def dead_workers_reported() -> Iterator[None]:
+    """Reports a worker process that died within the context, when a result is awaited or an item submitted, as one error."""
+    try:
+        yield
+    except BrokenProcessPool:
+        raise WhiskerSimError("a worker process died, possibly for lack of memory; fewer --jobs may help") from None
 
 
 def _submit(executor: ProcessPoolExecutor, job: Job, items: Iterable[tuple[int, tuple[Path, Run]]]) -> set[Future[Outcome]]:

@@ -65,6 +65,8 @@ pub struct Bank<const N: usize, Part = Gaussian<N>> {
     losses: Vec<f64>,
     is_loss: Vec<bool>,
     nearest: Vec<Nearest>,
+    /// Hypotheses before an update, restored if it fails. A buffer too.
+    before: Vec<Hypothesis<Part>>,
 }
 
 /// Of the hypotheses after another one, the one with which merging it loses least, and that loss or its lower bound.
@@ -124,7 +126,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
         let pairs = hypotheses.len().pow(2);
         let (losses, is_loss) = (Vec::with_capacity(pairs), Vec::with_capacity(pairs));
         let nearest = Vec::with_capacity(hypotheses.len());
-        let mut bank = Self { hypotheses, shapes, losses, is_loss, nearest };
+        let before = Vec::with_capacity(hypotheses.len());
+        let mut bank = Self { hypotheses, shapes, losses, is_loss, nearest, before };
         bank.normalise();
         bank
     }
@@ -159,20 +162,19 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// dropped if at least one other can.
     ///
     /// # Errors
-    /// [`UpdateError`] if no hypothesis could be updated; the bank is unchanged.
+    /// [`UpdateError`] if no hypothesis with a weight above zero could be updated, or the covariance of the mixture's innovation is not
+    /// positive definite; the bank is unchanged.
     pub fn update<const M: usize>(
         &mut self,
         mut update: impl FnMut(&mut Part) -> Result<Update<M>, UpdateError>,
     ) -> Result<Innovation<M>, UpdateError> {
+        self.before.clone_from(&self.hypotheses);
         let mut why = UpdateError::NoPrediction;
         let mut found = Mixture::empty();
         for hypothesis in &mut self.hypotheses {
-            let (weight, before) = (hypothesis.weight(), hypothesis.belief.clone());
+            let weight = hypothesis.weight();
             hypothesis.log_evidence = match update(&mut hypothesis.belief) {
-                Ok(_) if !hypothesis.belief.is_finite() => {
-                    hypothesis.belief = before;
-                    None
-                }
+                Ok(_) if !hypothesis.belief.is_finite() => None,
                 Ok(Update { innovation, log_evidence }) => {
                     found.add(&innovation.gaussian(), weight);
                     Some(log_evidence)
@@ -183,8 +185,11 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
                 }
             };
         }
-        let together = found.moments().ok_or(why)?;
-        let innovation = Innovation::of(together.mean, together.covariance).ok_or(why)?;
+        let innovation = found.moments().and_then(|together| Innovation::of(together.mean, together.covariance));
+        let Some(innovation) = innovation else {
+            std::mem::swap(&mut self.hypotheses, &mut self.before);
+            return Err(why);
+        };
         self.hypotheses.retain_mut(|hypothesis| {
             hypothesis.log_evidence.inspect(|evidence| hypothesis.log_weight += evidence).is_some()
         });

@@ -17,7 +17,7 @@
 //! | [`smoother`] | Rauch-Tung-Striebel smoother |
 //! | [`batch`] | maximum a posteriori trajectory by the Gauss-Newton method |
 //! | [`bound`] | posterior Cramér–Rao bound |
-//! | [`quantile`] | quantiles of the normal and the chi-square distribution |
+//! | [`quantile`] | quantiles of samples, of the normal and of the chi-square distribution |
 //! | [`least_squares`] | Levenberg-Marquardt and Gauss-Newton methods |
 //!
 //! # Notation

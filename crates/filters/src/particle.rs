@@ -235,7 +235,8 @@ impl<const N: usize> ParticleSet<N> {
     /// Doucet, Godsill and Andrieu 2000). Importance weights correct for the linearisation.
     ///
     /// # Errors
-    /// [`UpdateError`] as for [`Self::update`], or if the covariance of the particles is singular; the particle set is unchanged.
+    /// [`UpdateError`] as for [`Self::update`], or if the covariance of the particles is singular, or the model is undefined at every
+    /// new particle; the particle set is unchanged.
     pub fn update_or_renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,
@@ -339,20 +340,24 @@ impl<const N: usize> ParticleSet<N> {
         if self.scratch.summary.largest_log == f64::NEG_INFINITY {
             return Err(UpdateError::NoPrediction);
         }
-        self.accept_weights();
+        self.try_weights();
         self.draw_sources(rng);
+        self.restore_weights();
         let seed = rng.next_u64();
         vectorised!(simd => fill_normal(simd, &mut self.scratch.particles, seed));
         standardise(&mut self.scratch.particles);
-        let Scratch { logs, conditioned, sources, particles: normals, .. } = &mut self.scratch;
+        // The new particles replace their normals in the buffer: the set is unchanged if the model is undefined at all of them.
+        let Scratch { logs, conditioned, sources, particles, .. } = &mut self.scratch;
         for (index, log) in logs.iter_mut().take(self.particles.len()).enumerate() {
-            let drawn = conditioned[sources[index]].as_ref().map(|part| part.draw(&normals.get(index)));
+            let drawn = conditioned[sources[index]].as_ref().map(|part| part.draw(&particles.get(index)));
             *log = drawn.as_ref().map_or(f64::NEG_INFINITY, |drawn| drawn.log_weight(measurement, z, &spread));
-            if let Some(drawn) = drawn {
-                self.particles.set(index, &drawn.particle);
-            }
+            particles.set(index, &drawn.map_or_else(|| self.particles.get(index), |drawn| drawn.particle));
         }
         self.find_largest_log();
+        if self.scratch.summary.largest_log == f64::NEG_INFINITY {
+            return Err(UpdateError::NoPrediction);
+        }
+        std::mem::swap(&mut self.particles, &mut self.scratch.particles);
         self.accept_weights();
         Ok(())
     }

@@ -169,6 +169,44 @@ fn robust_a_hypothesis_without_prediction_is_dropped_unless_it_is_the_last() {
 }
 
 #[test]
+fn robust_a_failed_update_leaves_the_bank_unchanged() {
+    let at = |x: f64| Gaussian::new(vector![x, -1.0], Matrix2::identity());
+    let linear = Linear { row: RowVector2::new(1.0, 0.0), variance: 1.0 };
+    let update = |belief: &mut Gaussian<2>| extended::update(belief, &linear, &Vector1::new(0.0)).map(with_likelihood);
+    let state = |bank: &Bank<2>| bank.hypotheses().to_vec();
+
+    // The only hypothesis that can be updated has a weight that underflows.
+    let mut bank = Bank::new([(at(1.0), 0.0), (at(2.0), -1e4)]);
+    let before = state(&bank);
+    let only_improbable = |belief: &mut Gaussian<2>| {
+        if belief.mean[0] < 1.5 { Err(UpdateError::NotPositiveDefinite) } else { update(belief) }
+    };
+    assert_eq!(bank.update(only_improbable), Err(UpdateError::NotPositiveDefinite));
+    assert_eq!(state(&bank), before);
+
+    // Innovations whose mixture is not positive definite, of beliefs that have changed.
+    let mut bank = Bank::new([(at(1.0), 0.0), (at(2.0), 0.0)]);
+    let before = state(&bank);
+    let negative = |belief: &mut Gaussian<2>| {
+        let mut found = update(belief)?;
+        found.innovation.covariance[0] = -1.0;
+        Ok(found)
+    };
+    assert_eq!(bank.update(negative), Err(UpdateError::NoPrediction));
+    assert_eq!(state(&bank), before);
+
+    // Beliefs that are not finite.
+    let not_finite = |belief: &mut Gaussian<2>| {
+        let found = update(belief)?;
+        belief.mean[0] = f64::NAN;
+        Ok(found)
+    };
+    assert_eq!(bank.update(not_finite), Err(UpdateError::NoPrediction));
+    assert_eq!(state(&bank), before);
+    assert!(bank.update(update).is_ok() && state(&bank) != before);
+}
+
+#[test]
 fn val_the_iterated_update_finds_the_maximum_a_posteriori_state() {
     let prior = Gaussian::new(vector![0.6, 0.2], Matrix2::new(0.5, 0.1, 0.1, 0.3));
     let z = Vector1::new(4.0);

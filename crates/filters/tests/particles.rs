@@ -1,7 +1,7 @@
 //! Particle filter with readings far more precise than the spacing of the particles.
 
 use filters::particle::Renewal;
-use filters::{Gaussian, Measurement, ParticleSet, Process, extended};
+use filters::{Gaussian, Measurement, ParticleSet, Process, UpdateError, extended};
 use nalgebra::{Matrix1, Matrix2, RowVector2, SVector, Vector1, Vector2, vector};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -96,6 +96,41 @@ fn robust_an_outlier_hardly_moves_the_particles() {
     particles.update_or_renew(&Linear(RowVector2::new(1.0, 0.0)), &Vector1::new(1e4), &renewal, &mut rng).unwrap();
     let after = particles.moments();
     assert!((after.mean - before.mean).norm() < 0.1 && (after.covariance - before.covariance).norm() < 0.1);
+}
+
+/// Direct measurement of a position, undefined but at given places.
+struct AtPlaces(Vec<f64>);
+
+impl Measurement<1, 1> for AtPlaces {
+    fn predict(&self, x: &Vector1<f64>) -> Option<Vector1<f64>> {
+        self.0.iter().any(|place| (place - x[0]).abs() < 1e-12).then_some(*x)
+    }
+    fn jacobian(&self, x: &Vector1<f64>) -> Option<Matrix1<f64>> {
+        self.predict(x).map(|_| Matrix1::new(1.0))
+    }
+    fn noise(&self, _: &Vector1<f64>) -> Matrix1<f64> {
+        Matrix1::new(SD * SD)
+    }
+}
+
+#[test]
+fn robust_a_renewal_without_a_prediction_at_any_new_particle_leaves_the_set_unchanged() {
+    let renewal = Renewal { share: 0.9, bandwidth: 0.6, gate_sds: 1e6 };
+    let particles: Vec<f64> = (0..40).map(|i| (1.7 * f64::from(i)).sin()).collect();
+    let mean = particles.iter().sum::<f64>() / particles.len() as f64;
+    let centres = particles.iter().map(|particle| mean + 0.8 * (particle - mean));
+    let model = AtPlaces(particles.iter().copied().chain(centres).collect());
+    let mut set = ParticleSet::new(particles.iter().map(|particle| Vector1::new(*particle)).collect());
+    let (before, weights, mut rng) = (set.clone(), set.weights().to_vec(), Pcg64::seed_from_u64(7));
+    let refused = set.update_or_renew(&model, &Vector1::new(0.5), &renewal, &mut rng);
+    assert_eq!(refused, Err(UpdateError::NoPrediction));
+    assert_eq!((set.particles(), set.weights()), (before.particles(), &weights[..]));
+    assert_eq!(set.effective_size(), before.effective_size());
+    // The next reading finds the set as if there had been none.
+    let mut untouched = before;
+    let everywhere = StateDependentNoise;
+    assert_eq!(set.update(&everywhere, &Vector1::new(0.5)), untouched.update(&everywhere, &Vector1::new(0.5)));
+    assert_eq!(set.weights(), untouched.weights());
 }
 
 /// Direct measurement of a position whose noise grows with the position.

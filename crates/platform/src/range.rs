@@ -19,7 +19,11 @@ fn check(what: &str, value: f64, [least, most]: [f64; 2], unit: &str) -> Result<
     if (least - ROUNDING..=most + ROUNDING).contains(&value) {
         return Ok(());
     }
-    let shown = |value: f64| (1e3 * value).round() / 1e3;
     let found = format!("{} {unit}", shown(value));
     Err(Error::Range { what: what.into(), found, expected: format!("{} to {} {unit}", shown(least), shown(most)) })
+}
+
+/// A number as messages show it: rounded to three decimals, without trailing zeros.
+pub(crate) fn shown(value: f64) -> f64 {
+    (1e3 * value).round() / 1e3
 }

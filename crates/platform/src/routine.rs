@@ -122,8 +122,8 @@ impl IncrementsBeamTest {
             return Err(Error::range("pause", format!("{found} s"), format!("0 to {most} s")));
         }
         let first_m = rig.first_distance_m();
-        // The last place is neither behind the bed nor at the root.
-        let most_y_m = (rig.bed.y_m[1] - rig.nozzle_y_m(first_m)).min(first_m);
+        // The last place is neither behind the bed nor at the root, even if an overload is allowed.
+        let most_y_m = (rig.bed.y_m[1] - rig.nozzle_y_m(first_m)).min(first_m - rig.least_distance_m());
         range::check_length("total_x_distance", self.total_x_m, [0.0, rig.bed.x_m[1] - rig.nozzle_x_m(0.0)])?;
         range::check_length("total_y_distance", self.total_y_m, [0.0, most_y_m])?;
         range::check_speed("speed", self.speed_m_s, rig.bed.speeds_m_s())?;
@@ -145,9 +145,13 @@ fn check_load(rig: &Rig, distances_m: &[f64], push_m: f64) -> Result<(), Error> 
     let weakest = bearable.min_by(|(_, a), (_, b)| a.push_m.total_cmp(&b.push_m));
     let Some((distance_m, most)) = weakest.filter(|(_, most)| push_m > most.push_m) else { return Ok(()) };
     let reason = match most.limit {
-        Limit::Strain => format!("where the whisker is strained by {} %", 100.0 * rig.shaft.largest_strain),
+        Limit::Strain => {
+            format!("where the whisker is strained by {} %", range::shown(100.0 * rig.shaft.largest_strain))
+        }
         Limit::Angle => "where the whisker slips along the ruler".into(),
-        Limit::Length => format!("where the ruler slips off the whisker of {} mm", 1e3 * rig.shaft.length_m),
+        Limit::Length => {
+            format!("where the ruler slips off the whisker of {} mm", range::shown(1e3 * rig.shaft.length_m))
+        }
     };
     Err(Error::Overload { push_m, most_m: most.push_m, distance_m, reason })
 }
@@ -264,6 +268,34 @@ mod tests {
             let error = refused(&test);
             assert!(error.starts_with(what), "{error}");
         }
+    }
+
+    #[test]
+    fn robust_a_place_at_the_root_is_refused_even_if_an_overload_is_allowed() {
+        let mut rig = Rig::built_in();
+        // So deep that it does not limit the places.
+        rig.bed.y_m[1] = 1.0;
+        let to = |total_y_m: f64| IncrementsBeamTest { total_y_m, ..Default::default() };
+        for overload in [Overload::Refused, Overload::Allowed] {
+            for total_y_m in [0.144, 0.145] {
+                let error = to(total_y_m).on(&rig, overload).expect_err("refused").to_string();
+                let found = 1e3 * total_y_m;
+                assert_eq!(error, format!("total_y_distance: found {found} mm, expected 0 to 143.5 mm"));
+            }
+        }
+        let plan = to(0.1435).on(&rig, Overload::Allowed).expect("allowed");
+        assert!((plan.distances_m()[15] - 0.0015).abs() < 1e-12);
+    }
+
+    #[test]
+    fn robust_errors_of_an_overload_state_rounded_numbers() {
+        let mut rig = Rig::built_in();
+        (rig.shaft.largest_strain, rig.shaft.length_m) = (0.029, 0.1501);
+        let deep = IncrementsBeamTest { total_x_m: 0.100, ..Default::default() };
+        let refused = |test: &IncrementsBeamTest| test.on(&rig, Overload::Refused).expect_err("refused").to_string();
+        assert!(refused(&deep).contains("is strained by 2.9 %;"), "{}", refused(&deep));
+        let at_the_tip = refused(&IncrementsBeamTest { total_y_m: 0.0, ..deep });
+        assert!(at_the_tip.contains("slips off the whisker of 150.1 mm;"), "{at_the_tip}");
     }
 
     #[test]

@@ -351,6 +351,17 @@ fn robust_times_in_milliseconds_are_refused() {
 }
 
 #[test]
+fn robust_equal_times_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut samples, spans) = record(&positions(4, 0.05, 0.14), 1);
+    samples.iter_mut().for_each(|sample| sample.t_s = 1.0);
+    let log = write_samples(folder.path(), "equal", &(samples, spans));
+    let row = regression("robust").unwrap();
+    let error = gather(&[source(log)], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+    assert!(error.ends_with("equal.csv: found all times equal, expected increasing times"), "{error}");
+}
+
+#[test]
 fn robust_mislabelled_presses_are_suspicious_and_have_no_weight() {
     let mut presses = scattered(45, 0.005, 3);
     for i in [5, 20, 33] {
@@ -460,6 +471,49 @@ fn robust_wrong_coefficients_are_refused() {
         let text = fs::read_to_string(&file).unwrap().replacen("\"all\":[", "\"all\":[1e999,", 1);
         fs::write(&file, text).unwrap();
         assert!(Calibration::read(&file).unwrap_err().to_string().contains("calibration.json:"));
+    }
+}
+
+#[test]
+fn robust_features_without_a_logarithm_are_refused_by_the_regressions_that_use_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("calibration.json");
+    for row in live_regressions() {
+        let fitted = fitted(row, HoldOut::Press);
+        for (key, users) in [
+            ("slope_counts_per_s", &["robust", "several", "beam", "robust-ramp", "beam-ramp"][..]),
+            ("peak_counts", &["several"]),
+            ("ramp_counts_per_s", &["robust-ramp", "beam-ramp"]),
+        ] {
+            let read = |value: f64, is_fitted: bool| {
+                changed(&fitted, &file, |json| {
+                    json["presses"][5]["features"][key] = value.into();
+                    if !is_fitted {
+                        json.as_object_mut().unwrap().remove("coefficients");
+                    }
+                });
+                Calibration::read(&file).map_err(|error| error.to_string())
+            };
+            if !users.contains(&row.name) {
+                assert!(read(-1.0, true).is_ok(), "{}: {key}", row.name);
+                continue;
+            }
+            for (value, is_fitted) in [(-1.0, true), (0.0, true), (-1.0, false), (0.0, false)] {
+                let message = read(value, is_fitted).unwrap_err();
+                let expected = format!("presses.5.features.{key}: found {value}, expected a number above zero");
+                assert!(message.ends_with(&expected), "{}: {message}", row.name);
+            }
+        }
+    }
+    // The fit to such presses ends with an error too.
+    for (name, peak_counts, ramp_counts_per_s) in
+        [("several", -1.0, 1.0), ("several", 0.0, 1.0), ("robust-ramp", 1.0, -1.0)]
+    {
+        let mut presses = with_all_features(24, 11);
+        presses[5].features.peak_counts = Some(peak_counts);
+        presses[5].features.ramp_counts_per_s = Some(ramp_counts_per_s);
+        let refused = Calibration::fit(regression(name).unwrap(), presses, None, HoldOut::Press, 0.9, watermark());
+        assert!(matches!(refused, Err(Error::Undetermined(found)) if found == name), "{name}");
     }
 }
 

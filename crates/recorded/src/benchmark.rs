@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use files::{write_atomically, write_json};
-use filters::quantile::NORMAL_95;
+use filters::quantile::{NORMAL_95, quantile_of_sorted};
 use importers::{SpatialRecordings, SpatialSweep, Triangle, stanford_in_space};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ use crate::calibration::Calibrated;
 use crate::fixed::{Estimate, Reading, Settings};
 use crate::mesh::{Face, distance_m, extent_m, nearest, vertex_distance_m};
 use crate::paper::{self, PaperUkf};
-use crate::pins::{Method, Mounting, PinScore, TOUCH, line, replay, score, touch, wrong};
+use crate::pins::{Method, Mounting, PinScore, TOUCH, line, line_touch, replay, score, touch, touch_rows, wrong};
 use crate::sweep::{SweepSettings, SweptContact, contacts};
 
 /// Name of the estimator of fixed contacts.
@@ -287,7 +287,7 @@ fn evaluate(recordings: &SpatialRecordings, index: usize, calibrated: &Calibrate
     let lines: Vec<Vec<PinScore>> = (0..calibrated.neighbours.len())
         .into_par_iter()
         .map(|index| {
-            let Some(touch) = touch(&line(calibrated, index), least_counts) else { return Ok(Vec::new()) };
+            let Some(touch) = line_touch(&line(calibrated, index), least_counts) else { return Ok(Vec::new()) };
             let held = &calibrated.neighbours[index];
             let ours = calibrated.process.without(held).context(SINGULAR)?;
             let theirs = published.without(held).context(SINGULAR)?;
@@ -368,7 +368,7 @@ struct Swept<'a> {
 }
 
 impl<'a> Swept<'a> {
-    /// `None` if the batch states no contact. The published filter starts 5 mm from the first contact of the batch, in a direction
+    /// `None` if the sweep never touches, see [`touch_rows`], or the batch states no contact. The published filter starts 5 mm from the first contact of the batch, in a direction
     /// drawn from `seed`.
     fn new(
         calibrated: &Calibrated,
@@ -377,13 +377,11 @@ impl<'a> Swept<'a> {
         seed: u64,
         least_counts: f64,
     ) -> Option<Self> {
-        let first = sweep.rows.iter().position(|(_, counts)| counts.norm() > least_counts)?;
-        let held = sweep.rows[first..].iter().position(|(_, counts)| counts.norm() <= least_counts);
-        let last = held.map_or(sweep.rows.len(), |held| first + held);
+        let touch = touch_rows(sweep.rows.iter().map(|(_, counts)| counts.norm()), least_counts)?;
         let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), PI);
         let reading =
             |(origin_m, counts): &(Vector3<f64>, _)| Reading { rotation, origin_m: *origin_m, counts: *counts };
-        let mut readings: Vec<Reading> = sweep.rows[first.saturating_sub(1)..last].iter().map(reading).collect();
+        let mut readings: Vec<Reading> = sweep.rows[touch].iter().map(reading).collect();
         let batch = contacts(&calibrated.process.predictor(), &calibrated.root_m, &readings, &SweepSettings::default());
         let start_m = batch.iter().flatten().next()?.contact_m + wrong(seed);
         let predictor = published.predictor();
@@ -431,7 +429,7 @@ impl<'a> Swept<'a> {
 fn mean_and_p95(distances: &mut [f64]) -> (f64, f64) {
     distances.sort_by(f64::total_cmp);
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-    (mean, distances[(distances.len() * 95 / 100).min(distances.len() - 1)])
+    (mean, quantile_of_sorted(distances, 0.95).expect("there is one"))
 }
 
 /// Scores of an estimator's contacts. All sweeps over one object have one shift.
@@ -449,6 +447,7 @@ fn scores<'a>(
         (!found.is_empty()).then(|| shift(&found, mesh))
     };
     let mut objects: Vec<&str> = swept.iter().map(|one| one.sweep.object.as_str()).collect();
+    objects.sort_unstable();
     objects.dedup();
     let shifts: Vec<(&str, Option<Vector3<f64>>)> =
         objects.par_iter().map(|object| (*object, shift_of(object))).collect();
@@ -557,6 +556,14 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
+
+    #[test]
+    fn val_the_95th_percentile_is_interpolated() {
+        let mut distances: Vec<f64> = (0..20).rev().map(f64::from).collect();
+        let (mean, p95) = mean_and_p95(&mut distances);
+        assert!(mean == 9.5 && (p95 - 18.05).abs() < 1e-12, "{mean} {p95}");
+        assert_eq!(mean_and_p95(&mut [3.0]), (3.0, 3.0));
+    }
 
     /// A square of 40 mm in the plane of x and z, and a triangle without area nearer to the contacts.
     const MESH: [Triangle; 3] = [

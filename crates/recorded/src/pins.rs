@@ -1,5 +1,7 @@
 //! Pins: held-out lines of a calibration, and trials of other days with the mounting learnt at a known place.
 
+use std::ops::Range;
+
 use filters::quantile::CHI2_3_95;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -131,17 +133,36 @@ impl Mounting {
     }
 }
 
-/// Readings of a pin in World, whose origin is the pin; the first is the last one before the touch. `None` if the pin never touches.
+/// Rows of the first touch, and before them the last row without contact. A touch with which the recording begins is left out, since
+/// it has no such row. `None` if there is no other.
+pub(crate) fn touch_rows(norms: impl IntoIterator<Item = f64>, least: f64) -> Option<Range<usize>> {
+    let touches: Vec<bool> = norms.into_iter().map(|norm| norm > least).collect();
+    let next = |from: usize, touch: bool| (from..touches.len()).find(|&row| touches[row] == touch);
+    let first = next(next(0, false)?, true)?;
+    Some(first - 1..next(first, false).unwrap_or(touches.len()))
+}
+
+/// Readings of a pin in World, whose origin is the pin; the first is the last one before the touch. `None` if the pin never touches,
+/// or for less than three readings.
 pub fn touch(rows: &[importers::Labelled], least_counts: f64) -> Option<Vec<Reading>> {
-    let first = rows.iter().position(|row| row.counts.norm() > least_counts)?;
-    let held = rows[first..].iter().position(|row| row.counts.norm() <= least_counts);
-    let last = held.map_or(rows.len(), |held| first + held);
+    readings(rows, touch_rows(rows.iter().map(|row| row.counts.norm()), least_counts)?)
+}
+
+/// Readings of a line of a calibration, as those of a pin by [`touch`]. A line may begin in contact, because the pin is set down at
+/// its first place: the reading there then stands for the one before the touch, of which the estimators use only the pose.
+pub fn line_touch(rows: &[importers::Labelled], least_counts: f64) -> Option<Vec<Reading>> {
+    let free = std::iter::once(0.0);
+    let touch = touch_rows(free.chain(rows.iter().map(|row| row.counts.norm())), least_counts)?;
+    readings(rows, touch.start.saturating_sub(1)..touch.end - 1)
+}
+
+fn readings(rows: &[importers::Labelled], touch: Range<usize>) -> Option<Vec<Reading>> {
     let reading = |row: &importers::Labelled| Reading {
         rotation: Rotation3::identity(),
         origin_m: -row.contact_m,
         counts: row.counts,
     };
-    (last > first + 2).then(|| rows[first.saturating_sub(1)..last].iter().map(reading).collect())
+    (touch.len() > 3).then(|| rows[touch].iter().map(reading).collect())
 }
 
 /// Which estimator is scored.
@@ -208,4 +229,37 @@ pub fn score(group: &str, name: &str, estimator: &str, estimates: &[Option<Estim
 pub fn line(calibrated: &Calibrated, line: usize) -> Vec<importers::Labelled> {
     let of_line = calibrated.process.samples.iter().filter(|sample| sample.line == line);
     of_line.map(|sample| importers::Labelled { contact_m: sample.contact_m, counts: sample.reading }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_a_touch_begins_with_a_row_without_contact() {
+        for (norms, expected) in [
+            (&[0.0, 1.0, 3.0, 4.0, 5.0, 2.0, 9.0][..], Some(1..5)),
+            (&[0.0, 3.0, 4.0], Some(0..3)),
+            // The recording begins in contact.
+            (&[3.0, 4.0, 1.0, 2.0, 5.0, 6.0, 1.0], Some(3..6)),
+            (&[3.0, 4.0, 1.0], None),
+            (&[3.0, 4.0], None),
+            (&[1.0, 2.0], None),
+            (&[], None),
+        ] {
+            assert_eq!(touch_rows(norms.iter().copied(), 2.0), expected, "{norms:?}");
+        }
+        let row = |counts: f64| importers::Labelled { contact_m: Vector3::zeros(), counts: Vector2::new(counts, 0.0) };
+        let counts = |read: fn(&[importers::Labelled], f64) -> Option<Vec<Reading>>, rows: &[f64]| {
+            let rows: Vec<_> = rows.iter().copied().map(row).collect();
+            Some(read(&rows, 2.0)?.iter().map(|reading| reading.counts.x).collect::<Vec<_>>())
+        };
+        let in_contact = [9.0, 8.0, 7.0, 6.0, 1.0, 3.0, 4.0, 5.0];
+        assert_eq!(counts(touch, &in_contact), Some(vec![1.0, 3.0, 4.0, 5.0]));
+        assert_eq!(counts(line_touch, &in_contact), Some(vec![9.0, 8.0, 7.0, 6.0]));
+        for read in [touch, line_touch] {
+            assert_eq!(counts(read, &[0.0, 1.0, 3.0, 4.0, 5.0, 2.0]), Some(vec![1.0, 3.0, 4.0, 5.0]));
+            assert_eq!(counts(read, &[1.0, 3.0, 4.0, 1.0]), None);
+        }
+    }
 }

@@ -56,15 +56,10 @@ pub(crate) fn open(address: SocketAddr, origins: Vec<String>, server: SocketAddr
     let gate = Arc::new(Gate { server, origins, connections: AtomicUsize::new(0), reported: Mutex::default() });
     let accepts = move || {
         for stream in listener.incoming().flatten() {
-            let gate = gate.clone();
-            if gate.connections.fetch_add(1, Ordering::Relaxed) >= MOST_CONNECTIONS {
-                gate.connections.fetch_sub(1, Ordering::Relaxed);
-                continue;
-            }
+            let Some(connection) = Connection::of(&gate) else { continue };
             let forwards = move || {
                 // A connection that breaks off concerns its client alone.
-                let _ = gate.pass(stream);
-                gate.connections.fetch_sub(1, Ordering::Relaxed);
+                let _ = connection.pass(stream);
             };
             if let Err(error) = thread::Builder::new().name("connection".into()).spawn(forwards) {
                 eprintln!("error: thread of a connection: {error}");
@@ -73,6 +68,28 @@ pub(crate) fn open(address: SocketAddr, origins: Vec<String>, server: SocketAddr
     };
     thread::Builder::new().name("gate".into()).spawn(accepts).context("thread of the gate")?;
     Ok(at)
+}
+
+/// One of the connections at a time; counted until it is dropped, also if its thread cannot be started or panics.
+struct Connection(Arc<Gate>);
+
+impl Connection {
+    /// `None` if there are [`MOST_CONNECTIONS`].
+    fn of(gate: &Arc<Gate>) -> Option<Self> {
+        let connection = Self(gate.clone());
+        (gate.connections.fetch_add(1, Ordering::Relaxed) < MOST_CONNECTIONS).then_some(connection)
+    }
+
+    /// Checks the handshake of the client and forwards the connection, see [`Gate::pass`].
+    fn pass(self, client: TcpStream) -> io::Result<()> {
+        self.0.pass(client)
+    }
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.0.connections.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 impl Gate {
@@ -151,5 +168,30 @@ fn copy(mut source: TcpStream, mut sink: TcpStream) {
     let _ = io::copy(&mut source, &mut sink);
     for stream in [&source, &sink] {
         let _ = stream.shutdown(Shutdown::Both);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_a_connection_is_counted_until_it_is_dropped_or_its_thread_panics() {
+        let server = SocketAddr::from((Ipv4Addr::LOCALHOST, 1));
+        let gate = Gate { server, origins: Vec::new(), connections: AtomicUsize::new(0), reported: Mutex::default() };
+        let gate = Arc::new(gate);
+        let all: Vec<Connection> = (0..MOST_CONNECTIONS).filter_map(|_| Connection::of(&gate)).collect();
+        assert_eq!(all.len(), MOST_CONNECTIONS);
+        assert!((0..3).all(|_| Connection::of(&gate).is_none()));
+        drop(all);
+        for _ in 0..2 * MOST_CONNECTIONS {
+            let connection = Connection::of(&gate).expect("a free one");
+            let panics = thread::spawn(move || {
+                let _connection = connection;
+                std::panic::resume_unwind(Box::new(()));
+            });
+            assert!(panics.join().is_err());
+        }
+        assert_eq!(gate.connections.load(Ordering::Relaxed), 0);
     }
 }

@@ -4,32 +4,7 @@ use std::f64::consts::SQRT_2;
 
 use statrs::function::erf::erfc;
 
-pub use filters::quantile::{CHI2_2_95, CHI2_3_95, NORMAL_95};
-
-/// `q`-quantile with linear interpolation between order statistics. `None` for an empty slice. Missing values are
-/// passed as infinity and sort last.
-pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
-    let mut values = values.to_vec();
-    let position = q * values.len().checked_sub(1)? as f64;
-    let (_, low, above) = values.select_nth_unstable_by(position.floor() as usize, f64::total_cmp);
-    let next = || above.iter().copied().min_by(f64::total_cmp);
-    let high = if position.fract() > 0.0 { next() } else { None };
-    Some(between(*low, high.unwrap_or(*low), position.fract()))
-}
-
-/// `q`-quantile of values in ascending order, see [`quantile`].
-pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
-    let last = sorted.len().checked_sub(1)?;
-    let position = q * last as f64;
-    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
-    Some(between(low, high, position.fract()))
-}
-
-/// Linear interpolation between two values.
-fn between(low: f64, high: f64, share: f64) -> f64 {
-    // The case distinction avoids infinity minus infinity.
-    if low == high { low } else { low + (high - low) * share }
-}
+pub use filters::quantile::{CHI2_2_95, CHI2_3_95, NORMAL_95, quantile, quantile_of_sorted};
 
 /// Median, or the mean of the two middle values. `None` without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
@@ -97,14 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn val_quantiles() {
-        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
-        assert_eq!(quantile(&[1.0, 2.0], 0.25), Some(1.25));
-        assert_eq!(quantile(&[], 0.5), None);
-        let (values, sorted) = ([5.0, 1.0, f64::INFINITY, 2.0, 2.0, -3.0], [-3.0, 1.0, 2.0, 2.0, 5.0, f64::INFINITY]);
-        for q in [0.0, 0.1, 0.5, 0.6, 0.75, 0.95, 1.0] {
-            assert_eq!(quantile(&values, q), quantile_of_sorted(&sorted, q));
-        }
+    fn val_root_mean_square() {
         assert_eq!(rms(&[3.0, -4.0]), Some(12.5f64.sqrt()));
     }
 

@@ -76,7 +76,7 @@ pub use spatial::{
 };
 pub use suite::{RandomDraws, Suite, SuiteRun, SuiteScene};
 pub use table::{
-    COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, FurtherColumns, Instant, Recording, SECOND_COLUMNS,
+    COLUMNS, FARTHEST_M, FRICTION_COLUMNS, FrictionTruth, FurtherColumns, Instant, LARGEST, Recording, SECOND_COLUMNS,
     SecondTruth, Trace, Truth, TruthInstant, YIELDING_COLUMNS, YieldingTruth, is_trace_table,
 };
 pub use writer::TraceWriter;

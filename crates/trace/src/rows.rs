@@ -14,7 +14,7 @@ use whisker::frames::{Point, Pose, Twist, World};
 
 use crate::Sidecar;
 use crate::table::{
-    COLUMNS, FARTHEST_M, FrictionTruth, FurtherColumns, Instant, SECOND_COLUMNS, SecondTruth, TruthInstant,
+    COLUMNS, FARTHEST_M, FrictionTruth, FurtherColumns, Instant, LARGEST, SECOND_COLUMNS, SecondTruth, TruthInstant,
     YieldingTruth, columns,
 };
 
@@ -25,18 +25,20 @@ const CELLS: usize = PLAIN + SECOND_COLUMNS.len();
 /// Largest angle of a contact force to the normal: a right one, rounded to the decimals that are written.
 const MOST_ANGLE_RAD: f64 = FRAC_PI_2 + 1e-10;
 
-/// Largest magnitude per column: [`FARTHEST_M`] for positions, 1e12 for times, which may count from any epoch, and 1e6
-/// for all other quantities. The bounds keep derived quantities finite and outlines between positions of bounded
-/// length.
+/// Largest magnitude per column: 1e12 for times, which may count from any epoch, [`FARTHEST_M`] for positions and lengths, whose
+/// names end in `_m`, and [`LARGEST`] for all other quantities, including moments, whose names end in `_n_m`. The bounds keep
+/// derived quantities finite and outlines between positions of bounded length.
 const fn bounds(further: FurtherColumns) -> [f64; CELLS] {
-    let mut most = [1e6; CELLS];
+    let mut most = [LARGEST; CELLS];
     most[0] = 1e12;
     let further = further.columns();
     let mut i = 1;
     while i < PLAIN + further.len() {
         let (name, _) = if i < PLAIN { COLUMNS[i] } else { further[i - PLAIN] };
-        if let [.., b'_', b'm'] = name.as_bytes() {
-            most[i] = FARTHEST_M;
+        match name.as_bytes() {
+            [.., b'_', b'n', b'_', b'm'] => {}
+            [.., b'_', b'm'] => most[i] = FARTHEST_M,
+            _ => {}
         }
         i += 1;
     }
@@ -252,6 +254,17 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<FurtherColumns, Erro
     Ok(further)
 }
 
+/// Flag in an optional field. The error is the expected content.
+#[inline]
+pub(crate) fn flag(number: Option<f64>) -> Result<Option<bool>, &'static str> {
+    match number {
+        None => Ok(None),
+        Some(0.0) => Ok(Some(false)),
+        Some(1.0) => Ok(Some(true)),
+        Some(_) => Err("0, 1 or an empty field"),
+    }
+}
+
 /// Row of the table, split at its commas.
 struct Line<'a> {
     path: &'a Path,
@@ -314,12 +327,7 @@ impl<'a> Line<'a> {
 
     #[inline]
     fn flag(&self, i: usize) -> Result<Option<bool>, Error> {
-        match self.optional(i)? {
-            None => Ok(None),
-            Some(0.0) => Ok(Some(false)),
-            Some(1.0) => Ok(Some(true)),
-            Some(_) => Err(self.wrong(i, "0, 1 or an empty field")),
-        }
+        flag(self.optional(i)?).map_err(|expected| self.wrong(i, expected))
     }
 
     #[inline]

@@ -54,6 +54,10 @@ pub const YIELDING_COLUMNS: [(&str, usize); 4] =
 /// Largest magnitude of a position coordinate. Larger values are errors of the file.
 pub const FARTHEST_M: f64 = 1e3;
 
+/// Largest magnitude of a quantity of a trace that is neither a time nor a position, such as a moment (N m), an angle (rad) or
+/// a force (N). Larger values are errors of the file.
+pub const LARGEST: f64 = 1e6;
+
 /// Upper bound of the preallocated rows: the row count of a sidecar is untrusted.
 const MOST_ROWS_AT_FIRST: usize = 1 << 16;
 

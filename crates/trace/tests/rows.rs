@@ -5,8 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use files::Error;
-use trace::{FrictionTruth, FurtherColumns, SecondTruth, Trace, TraceRows, TraceWriter, YieldingTruth};
-use whisker::frames::Point;
+use trace::{
+    FARTHEST_M, FrictionTruth, FurtherColumns, LARGEST, SecondTruth, Trace, TraceRows, TraceWriter, YieldingTruth,
+};
+use whisker::frames::{Point, Pose};
 
 fn golden() -> Trace {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/golden_pin.csv");
@@ -160,6 +162,29 @@ fn verif_a_right_angle_of_the_force_is_read_as_written() {
     trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
     let again = Trace::read(&trace.write(folder.path()).unwrap()).unwrap();
     assert_eq!(again.to_csv(), trace.to_csv());
+}
+
+#[test]
+fn robust_moments_have_another_limit_than_positions() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = |change: &dyn Fn(&mut Trace)| {
+        let mut trace = golden();
+        change(&mut trace);
+        trace.sidecar.csv_sha256 = files::sha256(trace.to_csv().as_bytes());
+        error(&trace.write(folder.path()).unwrap())
+    };
+    let moment = |n_m: f64| with(&|trace| trace.recording.instants[3].moment_z_n_m = n_m);
+    assert_eq!(moment(LARGEST), "");
+    let found = moment(-2.0 * LARGEST);
+    assert!(found.contains(".csv:5: column moment_z_n_m: found `-2000000.0"), "{found}");
+    assert!(found.ends_with("expected a number of at most 1000000"), "{found}");
+    let place = |x_m: f64| with(&|trace| trace.recording.instants[3].base = Pose::new(x_m, 0.0, 0.0));
+    assert_eq!(place(FARTHEST_M), "");
+    let found = place(2.0 * FARTHEST_M);
+    assert!(
+        found.contains(".csv:5: column base_x_m: ") && found.ends_with("expected a number of at most 1000"),
+        "{found}"
+    );
 }
 
 /// Checks that the first row that ends with `values` is refused with each of the other cells, by one error that begins with the

@@ -295,7 +295,7 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
         let place = format!("--config: {key}");
         evaluate(&["--config", text], &[place.as_str(), words[1]]);
     }
-    evaluate(&["--config", r#"{"line": 1e400}"#], &["--config: column 10", "number out of range"]);
+    evaluate(&["--config", r#"{"line": 1e400}"#], &["--config: column 14", "number out of range"]);
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
     evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
     evaluate(&["--front-end", "optical"], &unknown);

@@ -454,7 +454,7 @@ fn robust_a_last_row_without_a_line_end_is_left_out() {
 #[test]
 fn robust_characteristic_that_the_calibration_does_not_determine() {
     let change = |text: String| text.replace("\"calibration\"", "\"trial\"");
-    fails(change, &["import.json", "reading.characteristic", "0 of 0 contacts"]);
+    fails(change, &["import.json", "reading.characteristic", "no recording with the role `calibration`"]);
 }
 
 #[test]
@@ -479,6 +479,32 @@ fn robust_an_import_replaces_imported_traces_alone() {
         fails_on(folder.path(), &["trial_1.json", "expected such a file or none"]);
         assert_eq!(fs::read_to_string(&sidecar).unwrap(), text);
     }
+}
+
+#[test]
+fn robust_an_import_names_the_traces_that_it_does_not_yield() {
+    let folder = changed(|mapping| mapping);
+    let (traces, output) = imported(folder.path());
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("does not yield"));
+    fs::write(traces.join("notes.json"), r#"{"kind": "notes"}"#).unwrap();
+    // A renamed trial, and a calibration that is left out.
+    let mapping = folder.path().join("import.json");
+    let of_first = r#"{"file": "calibration_1.csv", "role": "calibration", "face": "left"},"#;
+    let changed = fs::read_to_string(&mapping).unwrap().replace(of_first, "");
+    fs::write(&mapping, changed.replace(r#""trial_1.csv","#, r#""trial_1.csv", "name": "renamed","#)).unwrap();
+    let (_, output) = imported(folder.path());
+    let warning = String::from_utf8(output.stderr).unwrap();
+    let words = "also contains traces that this import does not yield, and that are fitted and evaluated with it: calibration_1, trial_1\n";
+    assert!(output.status.success() && warning.contains(words), "{warning}");
+    assert!(["calibration_1.csv", "trial_1.json", "notes.json"].iter().all(|name| traces.join(name).is_file()));
+
+    // A trial that is refused.
+    let recording = folder.path().join("trial_1.csv");
+    let damaged = fs::read_to_string(&recording).unwrap().replace("flange_y_mm", "y");
+    fs::write(&recording, damaged).unwrap();
+    let (_, output) = imported(folder.path());
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(3) && warning.contains("calibration_1, renamed, trial_1\n"), "{warning}");
 }
 
 #[test]

@@ -8,13 +8,11 @@ import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 from whisker_sim.cli import add_jobs, exit_code
-from whisker_sim.errors import WhiskerSimError
-from whisker_sim.jobs import FAILED, SUCCESS
+from whisker_sim.jobs import FAILED, SUCCESS, dead_workers_reported
 from whisker_sim.paths import ROOT
 from whisker_sim.physics.results import write_results
 from whisker_sim.physics.studies import STUDIES
@@ -51,14 +49,16 @@ def run(studies: Sequence[Study], dataset: Path, jobs: int) -> list[Findings]:
     flat = [task for group in tasks for task in group]
     results: dict[int, Any] = {}
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context) as executor, Progress("physics", "task", len(flat)) as progress:
-        waiting: dict[Future[Any], int] = {executor.submit(task): index for index, task in enumerate(flat)}
+    with (
+        dead_workers_reported(),
+        ProcessPoolExecutor(jobs, context) as executor,
+        Progress("physics", "task", len(flat)) as progress,
+    ):
         try:
+            waiting: dict[Future[Any], int] = {executor.submit(task): index for index, task in enumerate(flat)}
             for future in as_completed(waiting):
                 results[waiting[future]] = future.result()
                 progress.finish()
-        except BrokenProcessPool:
-            raise WhiskerSimError("a worker process died, possibly for lack of memory; fewer --jobs may help") from None
         finally:
             executor.shutdown(wait=False, cancel_futures=True)
     ordered = iter(results[index] for index in range(len(flat)))

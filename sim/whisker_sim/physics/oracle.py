@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from whisker_sim.elastica import Loaded, loaded, touching
 from whisker_sim.physics.cases import WHISKERS, largest
 from whisker_sim.physics.rust_tests import NUMBER, rust_tests
-from whisker_sim.physics.scipy_elastica import StaticContact, push, solved_case, static_contact, write_cases
+from whisker_sim.physics.scipy_elastica import HEADER, StaticContact, push, solved_case, static_contact, write_cases
 from whisker_sim.physics.study import Claim, Findings, Study
 from whisker_sim.shapes.circle import Circle
 from whisker_sim.whisker import PRESETS, Array, Whisker
@@ -162,7 +162,7 @@ def _rust_agreement(rows: list[str]) -> tuple[list[Cantilever], list[Agreement]]
     """
     with TemporaryDirectory() as folder:
         cases = Path(folder) / "cases.csv"
-        write_cases(cases, rows)
+        write_cases(cases, HEADER, rows)
         printed = rust_tests("elastica", _RUST_TESTS, {"ELASTICA_CASES": str(cases)})
     if printed is None:
         return [], []

@@ -129,12 +129,6 @@ def fit(time_s: Array, signal: Array) -> tuple[float, float, float]:
     return float(frequency_hz), float(np.exp(start)), float(-1.0 / slope)
 
 
-def damping_of_the_published_decay() -> float:
-    """Damping time of the hinges for which the straight whisker rings as long as the published one."""
-    omega_rad_s = 2.0 * np.pi * float(beam_hz(PRESETS["straight"][1], 1)[0])
-    return float(2.0 * np.log(PUBLISHED_FALL) / (omega_rad_s**2 * PUBLISHED_DYING_S) - _TIMESTEP_S)
-
-
 def _tasks(_: Path) -> list[partial[tuple[Row, list[Instant]]]]:
     return [
         partial(release, "preset", PRESETS["straight"][1].damping_s, _TIMESTEP_S),

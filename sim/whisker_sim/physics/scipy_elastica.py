@@ -194,10 +194,10 @@ def read_cases(path: Path) -> Iterator[tuple[Whisker, tuple[float, float, float,
         yield whisker, (arc_m, along_n, left_n, couple_n_m), np.array(fields[10:], dtype=float)
 
 
-def write_cases(path: Path, rows: Iterable[str]) -> None:
-    """Writes solved cases, the rows of `solved_case`."""
-    write_atomically(path, "\n".join((HEADER, *rows, "")).encode())
+def write_cases(path: Path, header: str, rows: Iterable[str]) -> None:
+    """Writes solved cases below their header."""
+    write_atomically(path, "\n".join((header, *rows, "")).encode())
 
 
 if __name__ == "__main__":
-    write_cases(GOLDEN, (solved_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES)))
+    write_cases(GOLDEN, HEADER, (solved_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES)))

@@ -13,7 +13,7 @@ shooting, continued from the unloaded whisker. Nothing but the parameters of the
 `python -m whisker_sim.physics.scipy_rod` writes the golden cases that both languages test.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,9 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from whisker_sim.errors import SimulationError
 from whisker_sim.paths import ROOT
-from whisker_sim.physics.scipy_elastica import random_case
+from whisker_sim.physics.scipy_elastica import random_case, write_cases
 from whisker_sim.rod import SpatiallyLoaded, Suspension, spatially_loaded
-from whisker_sim.trace import write_atomically
 from whisker_sim.whisker import PRESETS, Arc, Array, Whisker
 
 GOLDEN = ROOT / "datasets/golden/rod.csv"
@@ -177,11 +176,6 @@ def deviation(case: Case, answer: Array) -> float:
     return float(max(apart, turned, np.linalg.norm(found.moment_n_m[0] - moment) / np.linalg.norm(moment)))
 
 
-def write_cases(path: Path, rows: Iterable[str]) -> None:
-    """Writes solved cases, as made by `row`."""
-    write_atomically(path, "\n".join((HEADER, *rows, "")).encode())
-
-
 if __name__ == "__main__":
     golden = (random_spatial_case(GOLDEN_SEED, index) for index in range(GOLDEN_CASES))
-    write_cases(GOLDEN, (row(case, *solve(case)) for case in golden))
+    write_cases(GOLDEN, HEADER, (row(case, *solve(case)) for case in golden))

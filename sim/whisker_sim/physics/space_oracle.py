@@ -16,7 +16,8 @@ import numpy as np
 
 from whisker_sim.physics.cases import WHISKERS, largest
 from whisker_sim.physics.rust_tests import NUMBER, rust_tests
-from whisker_sim.physics.scipy_rod import Case, carried, row, write_cases
+from whisker_sim.physics.scipy_elastica import write_cases
+from whisker_sim.physics.scipy_rod import HEADER, Case, carried, row
 from whisker_sim.physics.study import PERCENT, Claim, Findings, Study
 from whisker_sim.rod import SpatiallyLoaded, Suspension, spatially_loaded
 from whisker_sim.whisker import Array, Whisker
@@ -129,7 +130,7 @@ def _rust(rows: list[str]) -> tuple[list[Agreement], dict[str, float]]:
     """Deviation of the solver in Rust from NumPy, and its figures against closed forms; empty if one of its tests fails."""
     with TemporaryDirectory() as folder:
         cases = Path(folder) / "cases.csv"
-        write_cases(cases, rows)
+        write_cases(cases, HEADER, rows)
         printed = rust_tests("rod", _RUST_TESTS, {"ROD_CASES": str(cases)})
     if printed is None:
         return [], {}

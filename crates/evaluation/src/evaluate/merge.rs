@@ -327,6 +327,7 @@ impl Set {
             let index = METRICS.iter().position(|row| row.name == metric.name);
             &scores[index.expect("a metric that is read has its row in METRICS")]
         };
+        let rmse = of(&RMSE).spread.as_ref();
         let mut over_trials = scores.iter().map(|score| score.over_trials);
         SummaryRow {
             head: SummaryHead {
@@ -340,9 +341,9 @@ impl Set {
                 models: (!models.is_empty()).then(|| models.join(" ")),
                 verdict: by_errors.map(ErrorConsistency::sentence),
                 nis_verdict: of(&NIS).average.as_ref().map(Average::sentence),
-                rmse_mean_m: of(&RMSE).spread.mean_m,
-                rmse_p90_m: of(&RMSE).spread.p90_m,
-                above_0p5mm: of(&RMSE).spread.above_0p5mm,
+                rmse_mean_m: rmse.and_then(|spread| spread.mean_m),
+                rmse_p90_m: rmse.and_then(|spread| spread.p90_m),
+                above_0p5mm: rmse.map_or(0.0, |spread| spread.above_0p5mm),
             },
             scores: Scores::from_fn(|_| over_trials.next().flatten()),
         }
@@ -354,7 +355,8 @@ struct SetScore {
     over_trials: Option<f64>,
     /// Average with the expectation of a consistent estimator. `None` unless the metric is the NIS.
     average: Option<Average>,
-    spread: Spread,
+    /// `None` unless the metric is the RMSE.
+    spread: Option<Spread>,
 }
 
 impl SetScore {
@@ -363,7 +365,8 @@ impl SetScore {
         let stated = || values.iter().copied().flatten().collect::<Vec<f64>>();
         let is_nis = metric.name == NIS.name;
         let average = is_nis.then(|| Average::of_trials(NIS_FREEDOM, &stated())).flatten();
-        Self { over_trials: metric.summary.of(values), average, spread: Spread::of(values) }
+        let spread = (metric.name == RMSE.name).then(|| Spread::of(values));
+        Self { over_trials: metric.summary.of(values), average, spread }
     }
 }
 

@@ -60,8 +60,9 @@ pub use workload::Workload;
 
 /// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted
 /// resumes if its inputs are the same. A finished run with the same settings is replaced, when its traces, its
-/// calibrations or the code have changed; one with other settings only if the settings say so. A run of external programs on which
-/// one failed, or that is to be replaced in any case, is never up to date: what a program imports is not known.
+/// calibrations or the code have changed; one with other settings only if the settings say so. A run in which an
+/// external program failed, or a run of programs that is to be replaced in any case, is never up to date: what a program imports is not
+/// known.
 ///
 /// # Errors
 /// If inputs cannot be read or contradict one another, a finished run has other settings, no trial can be scored, or
@@ -79,7 +80,7 @@ pub fn evaluate(
     // A run with an unreadable table is made anew.
     if prepared.is_up_to_date(&folder, &run)
         && let Ok((summary, failures)) = tables(&folder)
-        && (settings.programs.is_empty() || failures.is_empty() && !settings.force)
+        && (settings.programs.is_empty() || !settings.force && failures.iter().all(|row| row.estimator.is_none()))
     {
         tidy(&folder)?;
         return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored, gated });

@@ -52,7 +52,7 @@ pub struct EvaluateSettings {
     pub calibrations: Option<PathBuf>,
     /// Folder in which the run's folder is created.
     pub results: PathBuf,
-    /// Whether to replace a finished run of the same name that has other settings.
+    /// Whether to replace a finished run of the same name that has other settings, or external programs.
     pub force: bool,
     /// Called with the amount of work before it starts. Not called for an up-to-date run.
     pub on_start: Option<fn(&Workload)>,

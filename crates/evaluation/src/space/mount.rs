@@ -19,8 +19,8 @@ use crate::fit::check_replaces_calibration;
 /// mounting, and returns it.
 ///
 /// # Errors
-/// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a trace states no contact, the
-/// contacts do not determine the mounting, or `out` exists and is not a calibration in space.
+/// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a trace
+/// states no contact, the contacts do not determine the mounting, or `out` exists and is not a calibration in space.
 pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounting> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
     let file = mounted(calibration, traces)?;

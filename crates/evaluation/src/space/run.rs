@@ -164,7 +164,7 @@ pub struct SpatialWritten {
 
 /// Evaluates a dataset and writes the tables into a folder, unless a run with the same inputs is there. A finished run with
 /// the same settings is replaced when its traces, its calibrations or the code have changed; one with other settings only
-/// if `force` is set. A run of external programs on which one failed, or that is to be replaced with `force`, is never up to date: what a
+/// if `force` is set. A run in which an external program failed, or a run of programs with `force`, is never up to date: what a
 /// program imports is not known. Files of the user in the folder are kept.
 ///
 /// # Errors

@@ -21,6 +21,9 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
     if mapping.stamps.is_some_and(|stamps| stamps == Stamps::Header) {
         return Err(Error::value(path, "stamps", "`header` for a CSV", "`time` with the column of the times"));
     }
+    if path.is_dir() {
+        return Err(Error::value(path, "file", "a folder", "a CSV file; `whisker import bag` reads rosbag2 folders"));
+    }
     let bytes = read_table(path)?;
     let (body, skipped) = after_lines(bytes.strip_prefix(MARK).unwrap_or(&bytes), mapping.skip_lines);
     let (body, is_cut_off) = complete_lines(body);

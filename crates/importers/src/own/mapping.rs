@@ -7,7 +7,7 @@ use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use signal::LONGEST_GAP_S;
-use trace::{FARTHEST_M, ObjectClass, RATES_HZ, Role, is_plain_name};
+use trace::{FARTHEST_M, LARGEST, ObjectClass, RATES_HZ, Role, is_plain_name};
 use whisker::Whisker;
 use whisker::frames::Pose;
 use whisker::sensor::Face;
@@ -16,9 +16,6 @@ use super::units::{Angle, Length, Reading, Time, Unit};
 
 /// Longest gap that is interpolated.
 const MOST_GAP_S: f64 = 60.0;
-
-/// Largest magnitude of an angle.
-const MOST_RAD: f64 = 1e6;
 
 /// Largest degree of a fitted characteristic, which has three coefficients in a sidecar.
 const MOST_DEGREE: usize = 3;
@@ -45,9 +42,9 @@ pub(crate) struct Mapping {
     /// Times of a bag.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) stamps: Option<Stamps>,
-    /// Longest interval that is interpolated.
-    #[serde(default = "longest_gap_s")]
-    pub(crate) longest_gap_s: f64,
+    /// Longest interval that is interpolated. `None` for [`LONGEST_GAP_S`], or two intervals at the rate if they are longer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    longest_gap_s: Option<f64>,
     #[serde(default)]
     pub(crate) gaps: Gaps,
     pub(crate) pose: PoseColumns,
@@ -59,10 +56,6 @@ pub(crate) struct Mapping {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     contact: Option<ContactColumns>,
     pub(crate) recordings: Vec<RecordingEntry>,
-}
-
-fn longest_gap_s() -> f64 {
-    LONGEST_GAP_S
 }
 
 /// Column of the times.
@@ -79,7 +72,7 @@ pub(crate) struct TimeColumn {
 pub(crate) enum Stamps {
     /// Time at which a message was recorded.
     Log,
-    /// Stamp in the header of a message.
+    /// Stamp in the header of a frame, or of the message.
     Header,
 }
 
@@ -137,6 +130,12 @@ fn positive() -> f64 {
 impl Quantity<Length> {
     fn zero() -> Self {
         Self { column: None, value: Some(0.0), unit: Length::M, sign: 1.0 }
+    }
+
+    /// Constant value in the unit of the mapping, with the sign. `None` for a column.
+    fn stated(&self) -> Option<String> {
+        let unit = serde_json::to_value(self.unit).expect("a unit serialises");
+        self.value.map(|value| format!("{} {}", self.sign * value, unit.as_str().unwrap_or_default()))
     }
 }
 
@@ -272,6 +271,18 @@ pub(crate) struct ContactColumns {
 }
 
 impl ContactColumns {
+    fn validate(&self, path: &Path, key: &str) -> Result<(), Error> {
+        self.x.validate(path, &format!("{key}.x"), FARTHEST_M)?;
+        self.y.validate(path, &format!("{key}.y"), FARTHEST_M)?;
+        let Some(radius) = &self.radius else { return Ok(()) };
+        let key = format!("{key}.radius");
+        radius.validate_constant(path, &key, FARTHEST_M)?;
+        if self.radius_m().is_none_or(|radius_m| radius_m <= 0.0) {
+            return Err(Error::value(path, key, radius.stated().unwrap_or_default(), "a positive radius"));
+        }
+        Ok(())
+    }
+
     pub(crate) fn radius_m(&self) -> Option<f64> {
         self.radius.as_ref().and_then(Quantity::constant)
     }
@@ -302,18 +313,7 @@ impl RecordingEntry {
                 return Err(Error::value(path, format!("{key}.{part}"), format!("`{text}`"), "a plain file name"));
             }
         }
-        if let Some(contact) = &self.contact {
-            contact.x.validate(path, &format!("{key}.contact.x"), FARTHEST_M)?;
-            contact.y.validate(path, &format!("{key}.contact.y"), FARTHEST_M)?;
-            if let Some(radius) = &contact.radius {
-                radius.validate_constant(path, &format!("{key}.contact.radius"), FARTHEST_M)?;
-                if contact.radius_m().is_none_or(|radius_m| radius_m <= 0.0) {
-                    let place = format!("{key}.contact.radius");
-                    return Err(Error::value(path, place, "no positive number", "a positive radius"));
-                }
-            }
-        }
-        Ok(())
+        self.contact.as_ref().map_or(Ok(()), |contact| contact.validate(path, &format!("{key}.contact")))
     }
 }
 
@@ -327,12 +327,18 @@ impl Mapping {
             return Err(Error::value(path, "path", "a folder", "a mapping file (JSON), see docs/own-data.md"));
         }
         let mut mapping: Self = read_json(path)?;
+        // Before the common contact is given to the recordings, so that an error names the place at which it is stated.
+        mapping.validate(path)?;
         let contact = mapping.contact.take();
         for recording in &mut mapping.recordings {
             recording.contact = recording.contact.take().or_else(|| contact.clone());
         }
-        mapping.validate(path)?;
         Ok(mapping)
+    }
+
+    /// Longest interval that is interpolated. At a low rate, the intervals of a recording exceed [`LONGEST_GAP_S`].
+    pub(crate) fn longest_gap_s(&self) -> f64 {
+        self.longest_gap_s.unwrap_or(LONGEST_GAP_S.max(2.0 / self.rate_hz))
     }
 
     /// The whisker.
@@ -351,8 +357,10 @@ impl Mapping {
             Value::Object(stated) => {
                 let mut stated = stated.clone();
                 let mut all = serde_json::Map::new();
-                if let Some(name) = stated.remove("preset") {
-                    let name = name.as_str().unwrap_or_default();
+                if let Some(found) = stated.remove("preset") {
+                    let Some(name) = found.as_str() else {
+                        return Err(Error::value(path, "whisker.preset", found, "the name of a preset"));
+                    };
                     if let Ok(Value::Object(of_preset)) = serde_json::to_value(preset(name)?) {
                         all = of_preset;
                     }
@@ -394,17 +402,23 @@ impl Mapping {
             Err(Error::value(path, key, found, format!("{least} to {most}")))
         };
         within("rate_hz", self.rate_hz, RATES_HZ)?;
-        within("longest_gap_s", self.longest_gap_s, [1.0 / self.rate_hz, MOST_GAP_S.max(1.0 / self.rate_hz)])?;
-        if self.delimiter.is_some_and(|delimiter| !delimiter.is_ascii()) {
-            return Err(Error::value(path, "delimiter", format!("{:?}", self.delimiter), "an ASCII character"));
+        let interval_s = 1.0 / self.rate_hz;
+        let most_s = MOST_GAP_S.max(interval_s);
+        if let Some(found) = self.longest_gap_s.filter(|found| !(interval_s..=most_s).contains(found)) {
+            let expected = format!("{interval_s}, the interval at `rate_hz`, to {most_s}");
+            return Err(Error::value(path, "longest_gap_s", found, expected));
+        }
+        if let Some(found) = self.delimiter.filter(|delimiter| !delimiter.is_ascii()) {
+            return Err(Error::value(path, "delimiter", format!("`{found}`"), "an ASCII character"));
         }
         self.pose.x.validate(path, "pose.x", FARTHEST_M)?;
         self.pose.y.validate(path, "pose.y", FARTHEST_M)?;
-        self.pose.yaw.validate(path, "pose.yaw", MOST_RAD)?;
+        self.pose.yaw.validate(path, "pose.yaw", LARGEST)?;
         self.base.x.validate_constant(path, "base.x", FARTHEST_M)?;
         self.base.y.validate_constant(path, "base.y", FARTHEST_M)?;
-        self.base.yaw.validate_constant(path, "base.yaw", MOST_RAD)?;
+        self.base.yaw.validate_constant(path, "base.yaw", LARGEST)?;
         self.reading.validate(path)?;
+        self.contact.as_ref().map_or(Ok(()), |contact| contact.validate(path, "contact"))?;
         if self.recordings.is_empty() {
             return Err(Error::value(path, "recordings", "none", "at least one"));
         }
@@ -426,8 +440,8 @@ impl ReadingColumn {
         let key = |name: &str| format!("reading.{name}");
         check_sign(path, "reading", self.sign)?;
         for (name, found) in [("rest_s", self.rest_s), ("noise_sd", self.noise_sd), ("touch", self.touch)] {
-            if found.is_some_and(|found| !(found.is_finite() && found >= 0.0)) {
-                return Err(Error::value(path, key(name), format!("{found:?}"), "a number of 0 or more"));
+            if let Some(found) = found.filter(|found| !(found.is_finite() && *found >= 0.0)) {
+                return Err(Error::value(path, key(name), found, "a number of 0 or more"));
             }
         }
         if self.rest.is_some() && self.rest_s.is_some() {
@@ -449,8 +463,8 @@ impl ReadingColumn {
         if self.characteristic.is_some() && self.degree.is_some() {
             return Err(Error::value(path, key("degree"), "`characteristic` and `degree`", "one of them"));
         }
-        if self.degree.is_some_and(|degree| !(1..=MOST_DEGREE).contains(&degree)) {
-            return Err(Error::value(path, key("degree"), format!("{:?}", self.degree), format!("1 to {MOST_DEGREE}")));
+        if let Some(found) = self.degree.filter(|degree| !(1..=MOST_DEGREE).contains(degree)) {
+            return Err(Error::value(path, key("degree"), found, format!("1 to {MOST_DEGREE}")));
         }
         Ok(())
     }

@@ -17,21 +17,21 @@ use std::path::{Path, PathBuf};
 
 use files::{Digest, Error, FORMAT, sha256};
 use nalgebra::Vector2;
-use trace::{Contour, FARTHEST_M, Instant, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth, TruthInstant};
+use trace::{
+    Characteristic, Contour, FARTHEST_M, Instant, LARGEST, Outline, Recorded, Recording, Role, Sidecar, Trace, Truth,
+    TruthInstant,
+};
 use whisker::Whisker;
 use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 use whisker::sensor::Face;
 
 use self::mapping::{ContactColumns, Mapping, Moving, Quantity, RecordingEntry};
-use self::sensor::{AtRest, Conversion, Touching, sustained};
-use self::series::{Glitch, Grid, Series};
+use self::sensor::{AtRest, Conversion, GLITCH, Known, sustained, touch};
+use self::series::{Glitch, Grid, Series, table_error};
 use self::units::{Reading, Unit};
 use crate::provenance::generator;
 use crate::{Imported, MOST_COUNTS, Progress};
-
-/// Largest quantity of a trace other than a coordinate.
-const MOST: f64 = 1e6;
 
 /// Smallest difference of a single position from its neighbours that may be a glitch. It may also be a fast motion.
 const GLITCH_M: f64 = 0.01;
@@ -93,14 +93,19 @@ fn import(format: &'static str, read: ReadSource, path: &Path, progress: Progres
     let mut sampled = Vec::new();
     for (done, entry) in mapping.recordings.iter().enumerate() {
         progress(done as u64, mapping.recordings.len() as u64);
-        match Sampled::read(&laboratory, read, entry) {
+        match Sampled::read(&laboratory, read, entry).and_then(|recording| {
+            check_new(&laboratory, &recording, &sampled)?;
+            Ok(recording)
+        }) {
             Ok(recording) => sampled.push(recording),
             // All moments may depend on a calibration.
             Err(error) if entry.role == Role::Calibration => return Err(error),
             Err(error) => imported.failures.push(error),
         }
     }
-    let Some(sensor) = Sensor::new(&laboratory, &sampled)? else { return Ok(imported) };
+    let usual = usual(&sampled);
+    sampled.iter_mut().for_each(|recording| recording.mark_glitches(&mapping, usual));
+    let Some(sensor) = Sensor::new(&laboratory, &sampled, usual)? else { return Ok(imported) };
     for recording in &sampled {
         match recording.trace(&laboratory, &sensor) {
             Ok((trace, outline)) => {
@@ -112,6 +117,29 @@ fn import(format: &'static str, read: ReadSource, path: &Path, progress: Progres
         }
     }
     Ok(imported)
+}
+
+/// Checks that a recording is none of those before it: a copy of a calibration would not be held out, one of a trial be scored
+/// twice.
+fn check_new(laboratory: &Laboratory<'_>, recording: &Sampled<'_>, before: &[Sampled<'_>]) -> Result<(), Error> {
+    let Some(same) = before.iter().find(|before| before.sha256 == recording.sha256) else { return Ok(()) };
+    let is_entry = |entry: &RecordingEntry| entry.name() == recording.entry.name();
+    let place = laboratory.mapping.recordings.iter().position(is_entry).unwrap_or_default();
+    let key = format!("recordings[{place}].file");
+    Err(Error::value(
+        laboratory.path,
+        key,
+        format!("the same content as the recording `{}`", same.entry.name()),
+        "each recording once",
+    ))
+}
+
+/// Largest reading relative to rest of the calibration, without glitches; of all recordings if there is no calibration. A trial
+/// has no influence on the calibration.
+fn usual(sampled: &[Sampled<'_>]) -> f64 {
+    let of = |recordings: &mut dyn Iterator<Item = &Sampled<'_>>| recordings.map(Sampled::largest).reduce(f64::max);
+    let is_calibration = |recording: &&Sampled<'_>| recording.entry.role == Role::Calibration;
+    of(&mut sampled.iter().filter(is_calibration)).or_else(|| of(&mut sampled.iter())).unwrap_or_default()
 }
 
 /// Mapping and whisker, common to all recordings.
@@ -131,13 +159,17 @@ struct Sampled<'a> {
     repeated: usize,
     is_cut_off: bool,
     has_clock: bool,
-    /// Remarks about single positions that may be glitches.
+    /// Remarks about single positions that may be glitches, and about readings that are.
     glitches: Vec<String>,
     grid: Grid,
     base: Vec<Pose<Base, World>>,
     at_rest: AtRest,
-    /// Readings relative to rest, in the unit of the recording.
+    /// Readings relative to rest, in the unit of the recording, at the instants of the recording ...
+    samples: Series,
+    /// ... and of the trace.
     readings: Vec<f64>,
+    /// Distance from rest beyond which a reading is a glitch.
+    most: f64,
     /// Place of the contact or of the axis of the pin, if known.
     places: Vec<Option<Point<World>>>,
     touching: Vec<Option<bool>>,
@@ -169,8 +201,13 @@ impl<'a> Sampled<'a> {
                 pairs.map(|(x, y)| Some(Point::new(x?, y?))).collect()
             }
         };
-        check_places(&path, &places)?;
-        let flags = entry.touching.as_ref().map(|name| columns.series(name).at(clock_s));
+        let radius_m = entry.contact.as_ref().and_then(ContactColumns::radius_m).unwrap_or_default();
+        check_places(&path, &places, radius_m + laboratory.whisker.root_diameter_m)?;
+        let flags = entry.touching.as_ref().map(|name| columns.series(name));
+        if let Some((flags, name)) = flags.zip(entry.touching.as_ref()) {
+            flags.check_flags(&path, name)?;
+        }
+        let flags = flags.map(|flags| flags.at(clock_s));
         let flag = |value: Option<f64>| value.map(|value| value >= 0.5);
         Ok(Self {
             entry,
@@ -181,12 +218,51 @@ impl<'a> Sampled<'a> {
             glitches: columns.glitches_of_positions(&path, mapping),
             base,
             readings: known(reading.at(clock_s)).map(|reading| reading - at_rest.rest).collect(),
+            samples: reading.clone().shifted(-at_rest.rest),
+            most: f64::INFINITY,
             at_rest,
             places,
             touching: flags.map_or(vec![None; clock_s.len()], |flags| flags.into_iter().map(flag).collect()),
             grid,
             path,
         })
+    }
+
+    /// Largest reading relative to rest, without single glitches: of the samples, since interpolation spreads a sample over two
+    /// rows, and of the rows, since a row may take one of several samples of a glitch.
+    fn largest(&self) -> f64 {
+        let samples: Vec<f64> = self.samples.values.iter().flatten().copied().collect();
+        sustained(&samples).min(sustained(&self.readings))
+    }
+
+    /// Finds the glitches of the reading, given the largest reading of the calibration. Interpolated rows take the value of the
+    /// nearest sample there, so that a glitch remains a glitch, and its neighbours are not changed by it.
+    fn mark_glitches(&mut self, mapping: &Mapping, usual: f64) {
+        let most = GLITCH * usual.max(self.largest());
+        let is_glitch = |reading: f64| reading.abs() > most;
+        let depends = self.samples.depends_on(is_glitch, &self.grid.clock_s);
+        for ((reading, time_s), depends) in self.readings.iter_mut().zip(&self.grid.clock_s).zip(depends) {
+            if let Some(nearest) = self.samples.nearest(*time_s).filter(|_| depends) {
+                *reading = nearest;
+            }
+        }
+        let samples = self.samples.values.iter().zip(&self.samples.clock.places);
+        let glitches: Vec<(f64, u64)> = samples
+            .filter_map(|(value, line)| Some(((*value)?, *line)))
+            .filter(|(value, _)| is_glitch(*value))
+            .collect();
+        if let Some((value, line)) = glitches.first() {
+            let rest = self.at_rest.rest;
+            self.glitches.push(format!(
+                "{}:{line}: column `{}`: found {}, the first of {} such readings, expected at most {most:.3e} from rest ({rest}): \
+                 their contacts are left out; remove such rows",
+                self.path.display(),
+                mapping.reading.column,
+                value + rest,
+                glitches.len()
+            ));
+        }
+        self.most = most;
     }
 
     /// Remarks about the rows.
@@ -212,14 +288,14 @@ impl<'a> Sampled<'a> {
     }
 
     /// Whether the whisker touches in a row: by its flag, if there is one, else by the reading.
-    fn touches(&self, row: usize, touching: &Touching) -> bool {
-        let reading = self.readings[row];
-        self.touching[row].map_or_else(|| touching.has(reading), |flag| flag && !touching.is_glitch(reading))
+    fn touches(&self, row: usize, touch: f64) -> bool {
+        let size = self.readings[row].abs();
+        size <= self.most && self.touching[row].unwrap_or(size > touch)
     }
 
     /// Contacts on the centre line and on the object in a row, if the whisker touches at a known place.
-    fn contact(&self, row: usize, mechanics: &Mechanics<'_>, touching: &Touching) -> Option<Contact> {
-        let place = self.places[row].filter(|_| self.touches(row, touching))?;
+    fn contact(&self, row: usize, mechanics: &Mechanics<'_>, touch: f64) -> Option<Contact> {
+        let place = self.places[row].filter(|_| self.touches(row, touch))?;
         let radius_m = self.entry.contact.as_ref().and_then(ContactColumns::radius_m);
         Some(mechanics.contact(&self.base[row], place, radius_m, self.entry.face))
     }
@@ -229,16 +305,14 @@ impl<'a> Sampled<'a> {
         laboratory: &Laboratory<'_>,
         sensor: &Sensor<'_>,
     ) -> Result<(Trace, Option<(String, Outline)>), Error> {
+        let characteristic = &sensor.conversion.characteristic;
+        self.check_moments(laboratory.mapping, characteristic)?;
         let (mut instants, mut truths) = (Vec::new(), Vec::new());
         for (row, t_s) in self.grid.t_s.iter().enumerate() {
-            let moment_z_n_m = sensor.conversion.characteristic.moment_n_m(self.readings[row]);
-            if !moment_z_n_m.is_finite() || moment_z_n_m.abs() > MOST {
-                let found = format!("{moment_z_n_m} N m at {t_s} s");
-                return Err(Error::value(&self.path, "reading", found, format!("a magnitude of at most {MOST} N m")));
-            }
+            let moment_z_n_m = characteristic.moment_n_m(self.readings[row]);
             let base = self.base[row];
             instants.push(Instant { t_s: *t_s, base, twist: None, moment_z_n_m, rotation_z_rad: None });
-            let contact = self.contact(row, &sensor.mechanics, &sensor.touching);
+            let contact = self.contact(row, &sensor.mechanics, sensor.touch);
             let touching = self.touching[row].or(contact.map(|_| true));
             truths.push(TruthInstant {
                 touching,
@@ -257,6 +331,25 @@ impl<'a> Sampled<'a> {
         let mut trace = Trace { sidecar, recording: Recording { instants }, truth: Truth { instants: truths } };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         Ok((trace, outline))
+    }
+
+    /// Checks that a reader of the trace accepts the moments: those of the samples, between which those of the rows lie.
+    fn check_moments(&self, mapping: &Mapping, characteristic: &Characteristic) -> Result<(), Error> {
+        let samples = self.samples.values.iter().zip(&self.samples.clock.places);
+        for (value, line) in samples {
+            let moment_n_m = characteristic.moment_n_m(value.unwrap_or_default());
+            if !(moment_n_m.is_finite() && moment_n_m.abs() <= LARGEST) {
+                let expected = format!("a magnitude of at most {LARGEST} N m; compare the units of the mapping");
+                return Err(table_error(
+                    &self.path,
+                    &mapping.reading.column,
+                    *line,
+                    format!("{moment_n_m} N m from rest"),
+                    expected,
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Outline of a pin of known radius at rest in World.
@@ -306,7 +399,7 @@ impl<'a> Sampled<'a> {
                 residual_counts: sensor.conversion.residual,
                 rest_counts: self.at_rest.rest,
                 noise_sd_n_m: self.at_rest.noise_sd / coefficients[0].abs(),
-                touch_counts: sensor.touching.least,
+                touch_counts: sensor.touch,
                 object_class: Some(self.entry.class()),
             }),
             recording: None,
@@ -376,14 +469,14 @@ impl Columns<'_> {
         let pose = &mapping.pose;
         if let Some(name) = &pose.yaw.column {
             let series = self.series(name).clone().scaled(pose.yaw.factor());
-            series.check_range(path, name, MOST, "rad")?;
+            series.check_range(path, name, LARGEST, "rad")?;
             series.unwrapped().check_glitches(path, name, GLITCH_RAD, FASTEST_RAD_S, "rad")?;
         }
         let reading = &mapping.reading;
         let readings = self.series(&reading.column);
         match reading.unit {
             Reading::Counts => readings.check_range(path, &reading.column, MOST_COUNTS, "counts"),
-            unit => readings.clone().scaled(unit.si()).check_range(path, &reading.column, MOST, "N m"),
+            unit => readings.clone().scaled(unit.si()).check_range(path, &reading.column, LARGEST, "N m"),
         }
     }
 
@@ -419,7 +512,7 @@ fn placed(mapping: &Mapping, x_m: f64, y_m: f64, yaw_rad: f64) -> Pose<Base, Wor
 fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
     let is_far = |pose: &&Pose<Base, World>| {
         let origin = pose.origin();
-        !(origin.x().abs() <= FARTHEST_M && origin.y().abs() <= FARTHEST_M && pose.yaw_rad().abs() <= MOST)
+        !(origin.x().abs() <= FARTHEST_M && origin.y().abs() <= FARTHEST_M && pose.yaw_rad().abs() <= LARGEST)
     };
     let Some(far) = base.iter().find(is_far) else { return Ok(()) };
     let found = format!("{} m, {} m, {} rad", far.origin().x(), far.origin().y(), far.yaw_rad());
@@ -427,15 +520,17 @@ fn check_poses(path: &Path, base: &[Pose<Base, World>]) -> Result<(), Error> {
         path,
         "pose",
         found,
-        format!("magnitudes of at most {FARTHEST_M} m and {MOST} rad; compare the units of the mapping"),
+        format!("magnitudes of at most {FARTHEST_M} m and {LARGEST} rad; compare the units of the mapping"),
     ))
 }
 
-fn check_places(path: &Path, places: &[Option<Point<World>>]) -> Result<(), Error> {
-    let is_far = |place: &&Point<World>| !(place.x().abs() <= FARTHEST_M && place.y().abs() <= FARTHEST_M);
+/// Checks that the points within `around_m` of the places are in the range of a trace.
+fn check_places(path: &Path, places: &[Option<Point<World>>], around_m: f64) -> Result<(), Error> {
+    let most_m = FARTHEST_M - around_m;
+    let is_far = |place: &&Point<World>| !(place.x().abs() <= most_m && place.y().abs() <= most_m);
     let Some(far) = places.iter().flatten().find(is_far) else { return Ok(()) };
     let found = format!("{} m, {} m", far.x(), far.y());
-    let expected = format!("magnitudes of at most {FARTHEST_M} m; compare the units of the mapping");
+    let expected = format!("magnitudes of at most {most_m} m; compare the units of the mapping");
     Err(Error::value(path, "contact", found, expected))
 }
 
@@ -486,13 +581,14 @@ impl Mechanics<'_> {
 /// Sensor of all recordings.
 struct Sensor<'a> {
     mechanics: Mechanics<'a>,
-    touching: Touching,
+    /// Distance from rest, in the unit of the recordings, beyond which the whisker touches.
+    touch: f64,
     conversion: Conversion,
 }
 
 impl<'a> Sensor<'a> {
-    /// Sensor as stated by the mapping, or fitted to the calibration. `None` without recordings.
-    fn new(laboratory: &'a Laboratory<'_>, sampled: &[Sampled<'_>]) -> Result<Option<Self>, Error> {
+    /// Sensor as stated by the mapping, or fitted to the calibration, whose largest reading is `usual`. `None` without recordings.
+    fn new(laboratory: &'a Laboratory<'_>, sampled: &[Sampled<'_>], usual: f64) -> Result<Option<Self>, Error> {
         if sampled.is_empty() {
             return Ok(None);
         }
@@ -500,27 +596,26 @@ impl<'a> Sensor<'a> {
         let elastica = Elastica::new(&laboratory.whisker)
             .map_err(|error| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected))?;
         let mechanics = Mechanics { whisker: &laboratory.whisker, elastica };
-        let largest = sampled.iter().map(|recording| sustained(&recording.readings)).fold(0.0, f64::max);
-        let touching = Touching::new(mapped, largest);
+        let largest = sampled.iter().map(Sampled::largest).fold(0.0, f64::max);
+        let touch = touch(mapped, usual);
         let conversion = match Conversion::stated(path, mapped, largest)? {
             Some(stated) => stated,
             None => {
                 let calibration = sampled.iter().filter(|recording| recording.entry.role == Role::Calibration);
+                let recordings = calibration.clone().count();
                 let contacts: Vec<(&Sampled<'_>, usize, Contact)> = calibration
                     .flat_map(|recording| (0..recording.readings.len()).map(move |row| (recording, row)))
-                    .filter_map(|(recording, row)| {
-                        Some((recording, row, recording.contact(row, &mechanics, &touching)?))
-                    })
+                    .filter_map(|(recording, row)| Some((recording, row, recording.contact(row, &mechanics, touch)?)))
                     .collect();
                 let pair = |(recording, row, contact): (&Sampled<'_>, usize, Contact)| {
                     Some((mechanics.moment_n_m(&recording.base[row], &contact)?, recording.readings[row]))
                 };
                 let known = contacts.len();
-                let pairs: Vec<(f64, f64)> = contacts.into_iter().filter_map(pair).collect();
-                Conversion::fitted(path, mapped, &pairs, known)?
+                let pairs = contacts.into_iter().filter_map(pair).collect();
+                Conversion::fitted(path, mapped, &Known { recordings, contacts: known, pairs }, touch)?
             }
         };
-        Ok(Some(Self { mechanics, touching, conversion }))
+        Ok(Some(Self { mechanics, touch, conversion }))
     }
 }
 

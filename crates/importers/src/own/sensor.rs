@@ -13,7 +13,13 @@ use super::units::{Reading, Unit};
 const TOUCH_SHARE: f64 = 0.02;
 
 /// Readings above this many times the largest of two consecutive ones are glitches, whose contact is not stated.
-const GLITCH: f64 = 4.0;
+pub(crate) const GLITCH: f64 = 4.0;
+
+/// Distance from rest, in standard deviations of the noise, beyond which a reading of the free whisker is no noise.
+const OUTLIER: f64 = 10.0;
+
+/// Standard deviation of normal noise per median magnitude of the differences of two consecutive readings.
+const SD_PER_MEDIAN_STEP: f64 = 1.4826 * std::f64::consts::FRAC_1_SQRT_2;
 
 /// Smallest number of readings at rest from which rest and noise are estimated.
 const LEAST_AT_REST: usize = 10;
@@ -30,7 +36,8 @@ pub(crate) struct AtRest {
 
 impl AtRest {
     /// Rest and noise as stated, or estimated from the start of a recording: the median, and the standard deviation by
-    /// the differences of consecutive readings, which suppress drift.
+    /// the differences of consecutive readings, which suppress drift. Readings far from rest are left out of the noise, since a
+    /// single glitch would determine it.
     ///
     /// # Errors
     /// [`Error::Value`] if the start has too few readings.
@@ -46,19 +53,27 @@ impl AtRest {
         }
         let is_first = |time_s: &f64| time_s - times_s[0] <= rest_s;
         let count = times_s.iter().take_while(|time_s| is_first(time_s)).count();
-        let mut readings: Vec<f64> = series.values[..count].iter().flatten().copied().collect();
+        let readings: Vec<f64> = series.values[..count].iter().flatten().copied().collect();
         if readings.len() < LEAST_AT_REST {
             let found = format!("{} readings in the first {rest_s} s", readings.len());
             return Err(Error::value(path, "reading.rest_s", found, format!("at least {LEAST_AT_REST}")));
         }
-        let squares: f64 = readings.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+        let (rest, resolution) = (median(readings.clone()), resolution(series));
+        let step = median(readings.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect());
+        let most = OUTLIER * (SD_PER_MEDIAN_STEP * step).max(resolution);
+        let pairs = readings.windows(2).filter(|pair| pair.iter().all(|reading| (reading - rest).abs() <= most));
+        let squares: Vec<f64> = pairs.map(|pair| (pair[1] - pair[0]).powi(2)).collect();
         // The difference of two independent readings has twice the variance of one.
-        let sd = (squares / (2.0 * (readings.len() - 1) as f64)).sqrt();
-        let noise_sd = mapped.noise_sd.unwrap_or_else(|| sd.max(resolution(series) / 12.0_f64.sqrt()));
-        let middle = readings.len() / 2;
-        let rest = *readings.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let sd = (squares.iter().sum::<f64>() / (2 * squares.len().max(1)) as f64).sqrt();
+        let noise_sd = mapped.noise_sd.unwrap_or_else(|| sd.max(resolution / 12.0_f64.sqrt()));
         Ok(Self { rest, noise_sd })
     }
+}
+
+/// Median; the larger of the two in the middle.
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Smallest difference of consecutive readings that is not zero; 0 if there is none.
@@ -74,27 +89,20 @@ pub(crate) fn sustained(readings: &[f64]) -> f64 {
     readings.windows(2).map(|pair| pair[0].abs().min(pair[1].abs())).fold(0.0, f64::max)
 }
 
-/// Range of distances from rest in which the whisker touches, in the unit of the recording.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Touching {
-    pub(crate) least: f64,
-    most: f64,
+/// Distance from rest, in the unit of the recording, beyond which the whisker touches, for recordings whose largest reading,
+/// without glitches, is `largest`.
+pub(crate) fn touch(mapped: &ReadingColumn, largest: f64) -> f64 {
+    mapped.touch.unwrap_or(TOUCH_SHARE * largest)
 }
 
-impl Touching {
-    /// Range for recordings whose largest reading, without glitches, is `largest`.
-    pub(crate) fn new(mapped: &ReadingColumn, largest: f64) -> Self {
-        Self { least: mapped.touch.unwrap_or(TOUCH_SHARE * largest), most: GLITCH * largest }
-    }
-
-    /// Whether a reading, relative to rest, is that of a contact.
-    pub(crate) fn has(&self, reading: f64) -> bool {
-        reading.abs() > self.least && !self.is_glitch(reading)
-    }
-
-    pub(crate) fn is_glitch(&self, reading: f64) -> bool {
-        reading.abs() > self.most
-    }
+/// Known contacts of the calibration.
+pub(crate) struct Known {
+    /// Number of recordings with the role `calibration`.
+    pub(crate) recordings: usize,
+    /// Number of contacts.
+    pub(crate) contacts: usize,
+    /// Moment by the elastica (N m) and reading relative to rest, of the contacts within reach of the whisker.
+    pub(crate) pairs: Vec<(f64, f64)>,
 }
 
 /// Conversion from readings relative to rest to moments.
@@ -127,25 +135,41 @@ impl Conversion {
         Ok(Some(Self { characteristic, residual: 0.0 }))
     }
 
-    /// Conversion fitted to pairs of moment by the elastica (N m) and reading relative to rest, of `known` contacts.
+    /// Conversion fitted to the known contacts of the calibration. `touch` is the distance from rest beyond which the whisker
+    /// touches.
     ///
     /// # Errors
-    /// [`Error::Value`] if the pairs do not determine it.
-    pub(crate) fn fitted(
-        path: &Path,
-        mapped: &ReadingColumn,
-        pairs: &[(f64, f64)],
-        known: usize,
-    ) -> Result<Self, Error> {
+    /// [`Error::Value`] if the contacts do not determine it.
+    pub(crate) fn fitted(path: &Path, mapped: &ReadingColumn, known: &Known, touch: f64) -> Result<Self, Error> {
         let degree = mapped.degree.unwrap_or(DEGREE);
-        let mut characteristic = Characteristic::fit(degree, pairs).ok_or_else(|| {
+        let Known { recordings, contacts, pairs } = known;
+        let missing = |found: String, expected: String| Error::value(path, "reading.characteristic", found, expected);
+        if *recordings == 0 {
+            let found = "none, and no recording with the role `calibration`";
+            let expected =
+                "recordings with this role, to whose known contacts the characteristic is fitted; or state it";
+            return Err(missing(found.into(), expected.into()));
+        }
+        if *contacts == 0 {
             let found =
-                format!("none, and {} of {known} contacts of the calibration within reach of the whisker", pairs.len());
+                format!("none, and no known contact in the recordings with the role `calibration` ({recordings})");
+            let expected = format!(
+                "a `contact`, and rows in which the whisker touches it: the reading differs by more than `touch` \
+                 ({touch:.3e}) from rest, the median of the first `rest_s`, or the column `touching` is 1; or state the \
+                 characteristic"
+            );
+            return Err(missing(found, expected));
+        }
+        let mut characteristic = Characteristic::fit(degree, pairs).ok_or_else(|| {
+            let found = format!(
+                "none, and {} of {contacts} contacts of the calibration within reach of the whisker",
+                pairs.len()
+            );
             let expected = format!(
                 "contacts that determine a monotone characteristic of degree {degree}; compare units, `base` and \
                 `face` of the mapping, or state a smaller `degree` or the characteristic"
             );
-            Error::value(path, "reading.characteristic", found, expected)
+            missing(found, expected)
         })?;
         let squares: f64 =
             pairs.iter().map(|(moment_n_m, reading)| (reading - characteristic.counts(*moment_n_m)).powi(2)).sum();

@@ -97,6 +97,11 @@ impl Series {
         self
     }
 
+    pub(crate) fn shifted(mut self, by: f64) -> Self {
+        self.values.iter_mut().flatten().for_each(|value| *value += by);
+        self
+    }
+
     /// The angles (rad) made continuous: a step of more than half a turn is one across the end of the range.
     pub(crate) fn unwrapped(mut self) -> Self {
         let mut last: Option<f64> = None;
@@ -161,6 +166,33 @@ impl Series {
         })
     }
 
+    /// Checks that each value is 0 or 1.
+    ///
+    /// # Errors
+    /// [`Error::Table`] at the first value that is not.
+    pub(crate) fn check_flags(&self, path: &Path, column: &str) -> Result<(), Error> {
+        let is_wrong = |value: &Option<f64>| value.is_some_and(|value| value != 0.0 && value != 1.0);
+        let Some(place) = self.values.iter().position(is_wrong) else { return Ok(()) };
+        let found = self.values[place].unwrap_or_default().to_string();
+        Err(table_error(path, column, self.clock.places[place], found, "0, 1 or an empty field".into()))
+    }
+
+    /// Value of the sample with the nearest time. `None` if the recording has no value there.
+    pub(crate) fn nearest(&self, time_s: f64) -> Option<f64> {
+        let times_s = &self.clock.times_s;
+        let next = times_s.partition_point(|sample_s| *sample_s < time_s);
+        let places = [next.checked_sub(1), Some(next)].into_iter().flatten().filter(|place| *place < times_s.len());
+        let distance_s = |place: usize| (times_s[place] - time_s).abs();
+        self.values[places.min_by(|a, b| distance_s(*a).total_cmp(&distance_s(*b)))?]
+    }
+
+    /// For each of the increasing times, whether the interpolated value depends on a value that meets a condition.
+    pub(crate) fn depends_on(&self, condition: impl Fn(f64) -> bool, times_s: &[f64]) -> Vec<bool> {
+        let flag = |value: &Option<f64>| value.map(|value| f64::from(u8::from(condition(value))));
+        let flags = Self { clock: self.clock.clone(), values: self.values.iter().map(flag).collect() };
+        flags.at(times_s).into_iter().map(|share| share.is_some_and(|share| share > 0.0)).collect()
+    }
+
     /// Values at increasing times, interpolated linearly between known ones.
     pub(crate) fn at(&self, times_s: &[f64]) -> Vec<Option<f64>> {
         let own = &self.clock.times_s;
@@ -180,7 +212,7 @@ impl Series {
     }
 }
 
-fn table_error(path: &Path, column: &str, line: u64, found: String, expected: String) -> Error {
+pub(crate) fn table_error(path: &Path, column: &str, line: u64, found: String, expected: String) -> Error {
     Error::Table { path: path.into(), line, place: format!("column `{column}`"), found, expected }
 }
 
@@ -279,7 +311,7 @@ fn gaps(path: &Path, mapping: &Mapping, clocks: &[&Clock], [first, last]: [f64; 
     for clock in clocks {
         for (i, pair) in clock.times_s.windows(2).enumerate() {
             let [from, to] = [pair[0].max(first), pair[1].min(last)];
-            if pair[1] - pair[0] <= mapping.longest_gap_s || to <= from {
+            if pair[1] - pair[0] <= mapping.longest_gap_s() || to <= from {
                 continue;
             }
             if mapping.gaps == Gaps::Refuse {
@@ -290,7 +322,7 @@ fn gaps(path: &Path, mapping: &Mapping, clocks: &[&Clock], [first, last]: [f64; 
                     found: format!("a gap of {:.6} s after {} s", pair[1] - pair[0], pair[0]),
                     expected: format!(
                         "at most {} s; state `\"gaps\": \"leave\"` to leave gaps without rows, or a larger `longest_gap_s`",
-                        mapping.longest_gap_s
+                        mapping.longest_gap_s()
                     ),
                 });
             }

@@ -2,8 +2,9 @@
 //!
 //! A field is named as in PlotJuggler: the topic, then the path to the number, separated by slashes, for example
 //! `/wrench/wrench/torque/z`. An element of a list is chosen by its index, `position[0]`, or by its name,
-//! `position[elbow]` for joints and `transforms[tool]` for frames. The yaw of a quaternion is its field `yaw`. If the names of several
-//! topics begin a column, as `/arm` and `/arm/wrist` do, it belongs to the longest.
+//! `position[elbow]` for joints and `transforms[tool]` for frames. The stamp of a frame is that in its own header. The yaw of a
+//! quaternion is its field `yaw`. If the names of several topics begin a column, as `/arm` and `/arm/wrist` do, it belongs to the
+//! longest.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -70,9 +71,9 @@ fn read_fields(
                 message = Some(decoded(&record)?);
             }
             let message = message.as_ref().expect("it was decoded");
-            let Some(value) = value_at(&record, message, field, column.wanted)? else { continue };
+            let Some(Found { value, stamp }) = value_at(&record, message, field, column.wanted)? else { continue };
             let time_ns = match mapping.stamps {
-                Some(Stamps::Header) => stamp_ns(&record, message)?,
+                Some(Stamps::Header) => stamp_ns(&record, stamp.as_ref())?,
                 _ => i128::from(record.time_ns),
             };
             let since_ns = time_ns - *first_ns.get_or_insert(time_ns);
@@ -145,10 +146,19 @@ fn decoded(record: &Record) -> Result<Value, Error> {
     serde_json::to_value(&message).map_err(|error| converted(record.wrong(error, "a message")))
 }
 
-/// Number at a path. The outer `None`: the message has no such element, for example another frame. The inner `None`:
-/// the number is not known.
-fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) -> Result<Option<Option<f64>>, Error> {
-    let mut at = message.clone();
+/// Number at the path of a field.
+#[derive(Debug, PartialEq)]
+struct Found {
+    /// `None` if the number is not known.
+    value: Option<f64>,
+    /// Stamp in the header of the chosen element of a list, such as a frame, or of the message if the element has none.
+    stamp: Option<Value>,
+}
+
+/// Number at a path. `None` if the message has no such element, for example another frame.
+fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) -> Result<Option<Found>, Error> {
+    let stamp_of = |value: &Value| value.pointer("/header/stamp").cloned();
+    let (mut at, mut stamp) = (message.clone(), stamp_of(message));
     for part in parts(field) {
         let (name, element) = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
             Some((name, element)) => (name, Some(element)),
@@ -162,14 +172,17 @@ fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) 
         at = match element {
             None => next,
             Some(element) => match chosen(&at, &next, element) {
-                Some(element) => element,
+                Some(element) => {
+                    stamp = stamp_of(&element).or(stamp);
+                    element
+                }
                 None => return Ok(None),
             },
         };
     }
     match at.as_f64().or_else(|| at.as_bool().map(|flag| f64::from(u8::from(flag)))) {
-        Some(number) if number.is_finite() => Ok(Some(Some(number))),
-        _ if wanted.may_be_empty && at.is_null() => Ok(Some(None)),
+        Some(number) if number.is_finite() => Ok(Some(Found { value: Some(number), stamp })),
+        _ if wanted.may_be_empty && at.is_null() => Ok(Some(Found { value: None, stamp })),
         _ => Err(converted(record.wrong(at, format!("a finite number in `{field}`")))),
     }
 }
@@ -204,12 +217,9 @@ fn chosen(parent: &Value, list: &Value, element: &str) -> Option<Value> {
     items.get::<usize>(index).cloned()
 }
 
-/// Stamp of a message, or of the first frame of a message of frames.
-fn stamp_ns(record: &Record, message: &Value) -> Result<i128, Error> {
-    let part = |name: &str| {
-        let stamp = message.pointer("/header/stamp").or_else(|| message.pointer("/transforms/0/header/stamp"))?;
-        stamp.get(name).and_then(Value::as_i64)
-    };
+/// Time of a stamp (ns).
+fn stamp_ns(record: &Record, stamp: Option<&Value>) -> Result<i128, Error> {
+    let part = |name: &str| stamp?.get(name).and_then(Value::as_i64);
     let stamp =
         part("sec").zip(part("nanosec")).map(|(sec, nanosec)| i128::from(sec) * 1_000_000_000 + i128::from(nanosec));
     stamp.ok_or_else(|| {
@@ -219,7 +229,54 @@ fn stamp_ns(record: &Record, message: &Value) -> Result<i128, Error> {
 
 #[cfg(test)]
 mod tests {
+    use bag::messages::{Header, TfMessage, Time, Transform, TransformStamped, Vector3};
+    use bag::{Publisher, Writer};
+    use serde_json::json;
+
     use super::*;
+
+    /// Frames of one message, each with its stamp; a column is read with the stamps of its own frame.
+    #[test]
+    fn verif_a_frame_has_the_stamp_of_its_own_header() {
+        const INTERVAL_NS: u64 = 10_000_000;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frames");
+        let mut writer = Writer::create(&path).unwrap();
+        for i in 0..5 {
+            // Frames of a slow and of a fast publisher.
+            let frame = |name: &str, time_ns: u64, x: f64| TransformStamped {
+                header: Header { stamp: Time::from_nanoseconds(time_ns), ..Header::default() },
+                child_frame_id: name.into(),
+                transform: Transform { translation: Vector3 { x, ..Vector3::default() }, ..Transform::default() },
+            };
+            let transforms = vec![
+                frame("cart", i / 3 * 3 * INTERVAL_NS, i as f64),
+                frame("tool", i * INTERVAL_NS + 2_000_000, 10.0 + i as f64),
+            ];
+            writer.write("/tf", i * INTERVAL_NS, &TfMessage { transforms }).unwrap();
+        }
+        writer.finish().unwrap();
+        let mapping: Mapping = serde_json::from_value(json!({
+            "format": 1, "kind": "import", "whisker": "straight", "rate_hz": 100.0, "stamps": "header",
+            "pose": {"x": {"value": 0.0, "unit": "m"}, "y": {"value": 0.0, "unit": "m"}},
+            "reading": {"column": "/reading/data", "unit": "N m"}, "recordings": [],
+        }))
+        .unwrap();
+        let wanted = ["cart", "tool", "0"].map(|frame| format!("/tf/transforms[{frame}]/transform/translation/x"));
+        let wanted = [0, 1, 2].map(|i| Wanted { name: &wanted[i], may_be_empty: false });
+        let found = read(&path, &mapping, &wanted).unwrap().series;
+        let [cart, tool, first] = found.try_into().ok().unwrap();
+        let agree = |series: &Series, expected_s: &[f64]| {
+            let found_s = &series.clock.times_s;
+            let apart = found_s.iter().zip(expected_s).map(|(found, expected)| (found - expected).abs());
+            assert!(found_s.len() == expected_s.len() && apart.fold(0.0, f64::max) < 1e-12, "{found_s:?}");
+        };
+        agree(&cart, &[0.0, 0.03]);
+        assert_eq!(cart.values, [Some(0.0), Some(3.0)]);
+        assert_eq!((&first.clock.times_s, &first.values), (&cart.clock.times_s, &cart.values));
+        agree(&tool, &[0.002, 0.012, 0.022, 0.032, 0.042]);
+        assert_eq!(tool.values, [10.0, 11.0, 12.0, 13.0, 14.0].map(Some));
+    }
 
     #[test]
     fn verif_elements_and_angles_are_found_by_name() {

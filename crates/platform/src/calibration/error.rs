@@ -23,6 +23,14 @@ pub enum Error {
         /// Median rate of all recordings (Hz).
         expected_hz: f64,
     },
+    /// The times of a recording have no rate.
+    #[error("{log}: found {found}, expected increasing times")]
+    Times {
+        /// The recording.
+        log: String,
+        /// Property of the times.
+        found: String,
+    },
     /// A recording is too short to estimate its rate and its noise.
     #[error("{log}: found {found} samples, expected at least {expected}")]
     Short {

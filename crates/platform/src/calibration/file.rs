@@ -204,9 +204,9 @@ impl Calibration {
             files::Error::value(path, "regression", &file.regression, expected)
         })?;
         for (i, press) in file.presses.iter().enumerate() {
-            if press.features.slope_counts_per_s <= 0.0 {
-                let key = format!("presses.{i}.features.slope_counts_per_s");
-                return Err(files::Error::value(path, key, press.features.slope_counts_per_s, "a number above zero"));
+            if let Some((key, found)) = not_above_zero(&press.features, live) {
+                let key = format!("presses.{i}.features.{key}");
+                return Err(files::Error::value(path, key, found, "a number above zero"));
             }
         }
         if let Some(chain) = &file.chain {
@@ -318,6 +318,22 @@ fn check(row: &RegressionRow, presses: &[LabelledPress], coverage: f64) -> Resul
         return Err(Error::Setting { key: "coverage", found: coverage, expected: "0.5 to 0.999".into() });
     }
     row.enough(presses)
+}
+
+/// Name and value of the slope, or of a feature whose logarithm the regression uses, if it is not above zero.
+fn not_above_zero(features: &Features, live: &LiveFit) -> Option<(&'static str, f64)> {
+    // A regression uses a feature if another value of it makes a quantity finite.
+    let is_used = |other: Features| {
+        live.quantities.iter().any(|quantity| !quantity(features).is_finite() && quantity(&other).is_finite())
+    };
+    let peak = is_used(Features { peak_counts: Some(1.0), ..*features });
+    let ramp = is_used(Features { ramp_counts_per_s: Some(1.0), ..*features });
+    let checked = [
+        ("slope_counts_per_s", Some(features.slope_counts_per_s), true),
+        ("peak_counts", features.peak_counts, peak),
+        ("ramp_counts_per_s", features.ramp_counts_per_s, ramp),
+    ];
+    checked.into_iter().find_map(|(key, found, is_used)| Some((key, found.filter(|found| is_used && *found <= 0.0)?)))
 }
 
 /// Row of the registry with this name and its fit. `None` if there is none that works at run time.

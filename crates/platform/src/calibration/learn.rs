@@ -1,5 +1,7 @@
 //! Estimation of the [`Chain`] from unlabelled recordings: sampling rate, moving axes, noise at rest and threshold of a press.
 
+use signal::LONGEST_GAP_S;
+
 use super::front::{Front, MOST_ORDER};
 use super::rate::hint;
 use super::{Chain, Error, Intervals, Rate, is_same_rate};
@@ -127,6 +129,13 @@ fn common_rate_hz(logs: &[(&str, &[Sample])], cutoff_hz: f64) -> Result<f64, Err
         rate.hz()
     };
     let rates: Vec<f64> = logs.iter().map(|(_, log)| rate_hz(log)).collect();
+    if let Some(i) = rates.iter().position(|rate| !rate.is_finite()) {
+        let found = match rates[i].is_nan() {
+            true => format!("no sample at most {LONGEST_GAP_S} s after the one before"),
+            false => "all times equal".into(),
+        };
+        return Err(Error::Times { log: logs[i].0.into(), found });
+    }
     let median = quantile(rates.clone(), 0.5);
     match rates.iter().position(|rate| !is_same_rate(*rate, median)) {
         Some(i) => Err(Error::Rate { log: logs[i].0.into(), found_hz: rates[i], expected_hz: median }),

@@ -21,7 +21,7 @@ use crate::{Error, range};
 pub const BAUD: u32 = 115_200;
 /// Timeout of a busy printer, which reports every two seconds.
 const BUSY: Duration = Duration::from_secs(20);
-/// Largest difference between target and reported position (mm): one unit of the last digit.
+/// Largest difference between target and reported position (m): one unit of the last digit, which is in mm.
 const TOLERANCE_M: f64 = 0.01e-3;
 /// Interval between two queries of the moving head's position.
 const POLL: Duration = Duration::from_millis(50);

@@ -14,6 +14,8 @@ use strict_json::parse_json;
 
 pub use shaft::{LargestPush, LargestPushes, Limit, Shaft};
 
+use crate::range;
+
 /// Kind of the file.
 pub const KIND: &str = "platform_rig";
 
@@ -23,6 +25,8 @@ const LEAST: f64 = 1e-6;
 const MOST_M: f64 = 10.0;
 /// Highest speed of a head (mm/min).
 const MOST_MM_MIN: f64 = 100_000.0;
+/// Smallest distance of a place from the root, as a share of the whisker's length.
+const LEAST_SHARE: f64 = 0.01;
 /// Largest strain of a whisker: above the recoverable strain of every elastic material of a whisker.
 const MOST_STRAIN: f64 = 0.2;
 
@@ -132,6 +136,11 @@ impl Rig {
         self.shaft.length_m - self.routine.first_from_tip_m
     }
 
+    /// Smallest distance of a place from the root (m): at the root the whisker yields to no push.
+    pub(crate) fn least_distance_m(&self) -> f64 {
+        LEAST_SHARE * self.shaft.length_m
+    }
+
     /// y of the nozzle on the path to the whisker's left side, in front of the tip (m).
     pub fn front_y_m(&self) -> f64 {
         self.nozzle_y_m(self.shaft.length_m) - self.routine.clearance_m
@@ -169,7 +178,7 @@ impl Rig {
             ("whisker.root_diameter_m", shaft.root_diameter_m, [LEAST, shaft.length_m]),
             ("whisker.tip_diameter_m", shaft.tip_diameter_m, [LEAST, shaft.root_diameter_m]),
             ("whisker.largest_strain", shaft.largest_strain, [LEAST, MOST_STRAIN]),
-            ("routine.first_from_tip_m", routine.first_from_tip_m, [0.0, shaft.length_m]),
+            ("routine.first_from_tip_m", routine.first_from_tip_m, [0.0, shaft.length_m - self.least_distance_m()]),
             ("routine.clearance_m", routine.clearance_m, positive),
             ("routine.speed_mm_min", routine.speed_mm_min, bed.speed_mm_min),
         ] {
@@ -191,7 +200,8 @@ impl Rig {
         ] {
             if !(least_m..=most_m).contains(&found_m) {
                 let found = format!("a place of the head {what} = {:.2} mm", 1e3 * found_m);
-                let expected = format!("{} to {} mm, the range of the bed", 1e3 * least_m, 1e3 * most_m);
+                let [least, most] = [least_m, most_m].map(|end_m| range::shown(1e3 * end_m));
+                let expected = format!("{least} to {most} mm, the range of the bed");
                 return Err(files::Error::value(path, key, found, expected));
             }
         }
@@ -246,6 +256,11 @@ mod tests {
             ),
             ("0.0006", "0.006", "rig.json: whisker.tip_diameter_m: found 0.006, expected 0.000001 to 0.003"),
             ("0.025", "2.5", "rig.json: whisker.largest_strain: found 2.5, expected 0.000001 to 0.2"),
+            (
+                "\"first_from_tip_m\": 0.005",
+                "\"first_from_tip_m\": 0.150",
+                "rig.json: routine.first_from_tip_m: found 0.15, expected 0 to 0.1485",
+            ),
             ("2000.0", "20.0", "rig.json: routine.speed_mm_min: found 20, expected 1000 to 15000"),
             (
                 "\"x_m\": 0.150",

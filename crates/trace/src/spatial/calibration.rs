@@ -161,8 +161,7 @@ impl SpatialCalibrationFile {
 
     /// The whisker with its properties out of its plane.
     pub fn spatial_whisker(&self) -> SpatialWhisker {
-        let (whisker, suspension) = (self.whisker.clone(), self.suspension.into());
-        SpatialWhisker { whisker, suspension, poisson_ratio: self.poisson_ratio }
+        self.suspension.whisker(&self.whisker, self.poisson_ratio)
     }
 
     /// Model with this label, or the chosen model if `label` is `None`.

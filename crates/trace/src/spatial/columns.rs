@@ -1,6 +1,6 @@
 //! Columns of a trace in space.
 
-use crate::table::FARTHEST_M;
+use crate::table::{FARTHEST_M, LARGEST};
 
 /// Column names and the number of decimals written for each.
 pub const SPATIAL_COLUMNS: [(&str, usize); 41] = [
@@ -71,6 +71,6 @@ pub(super) fn most(column: usize) -> f64 {
     match SPATIAL_COLUMNS[column].0 {
         "t_s" => 1e12,
         name if name.ends_with("_m") && !name.ends_with("_n_m") => FARTHEST_M,
-        _ => 1e6,
+        _ => LARGEST,
     }
 }

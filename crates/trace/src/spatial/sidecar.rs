@@ -28,6 +28,13 @@ pub struct StatedSuspension {
     pub twist_n_m_rad: f64,
 }
 
+impl StatedSuspension {
+    /// A whisker on this suspension.
+    pub(super) fn whisker(self, whisker: &Whisker, poisson_ratio: f64) -> SpatialWhisker {
+        SpatialWhisker { whisker: whisker.clone(), suspension: self.into(), poisson_ratio }
+    }
+}
+
 impl From<Suspension> for StatedSuspension {
     fn from(suspension: Suspension) -> Self {
         let Suspension { yaw_n_m_rad, pitch_n_m_rad, twist_n_m_rad } = suspension;
@@ -102,8 +109,7 @@ impl SpatialSidecar {
 
     /// The whisker with its properties out of its plane.
     pub fn spatial_whisker(&self) -> SpatialWhisker {
-        let (whisker, suspension) = (self.whisker.clone(), self.suspension.into());
-        SpatialWhisker { whisker, suspension, poisson_ratio: self.poisson_ratio }
+        self.suspension.whisker(&self.whisker, self.poisson_ratio)
     }
 
     /// Mechanics of the whisker in space.

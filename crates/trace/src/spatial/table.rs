@@ -12,6 +12,7 @@ use super::columns::{
     SURFACE, TANGENT, TIP, TOUCHING, most,
 };
 use super::{SPATIAL_COLUMNS, SpatialSidecar};
+use crate::rows::flag;
 use crate::table::fixed;
 
 /// Number of columns.
@@ -287,12 +288,7 @@ impl Row<'_> {
     }
 
     fn flag(&self, i: usize) -> Result<Option<bool>, Error> {
-        match self.optional(i)? {
-            None => Ok(None),
-            Some(0.0) => Ok(Some(false)),
-            Some(1.0) => Ok(Some(true)),
-            Some(_) => Err(self.wrong(i, "0, 1 or an empty field")),
-        }
+        flag(self.optional(i)?).map_err(|expected| self.wrong(i, expected))
     }
 
     fn known_flag(&self, i: usize) -> Result<bool, Error> {

@@ -100,37 +100,8 @@ fn check(path: &Path) -> anyhow::Result<String> {
     match value.get("kind").and_then(Value::as_str) {
         Some("trace") => check_trace(path),
         Some("recording") => check_recording(path),
-        Some("calibration") if is_spatial(path)? => {
-            let calibration = SpatialCalibrationFile::read(path)?;
-            let calibrated = calibration.calibrated(path, None)?;
-            let share = 100.0 * calibrated.heldout_rms_n_m / calibrated.largest_reading_n_m;
-            let (whisker, label) = (&calibration.whisker.name, &calibrated.label);
-            let through =
-                calibration.front_end.as_ref().map_or_else(String::new, |of| format!("; through `{}`", of.name));
-            Ok(format!(
-                "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading{through}"
-            ))
-        }
-        Some("calibration") => {
-            let calibration = CalibrationFile::read(path)?;
-            let faces: Vec<String> = calibration
-                .faces
-                .iter()
-                .filter_map(|face| {
-                    let model = face.model(None)?;
-                    let share = 100.0 * model.heldout_rms_n_m / face.largest_reading_n_m;
-                    let (face, label) = (face.face.name(), &model.label);
-                    Some(format!("{face} ({label}, held-out RMS {share:.3} % of the largest reading)"))
-                })
-                .collect();
-            let labels: Vec<_> = calibration.sensors().map(SensorFile::label).collect();
-            let sensors = match &calibration.front_end {
-                Some(front_end) => format!("; through `{}`, sensors {}", front_end.name, labels.join(", ")),
-                None if labels.is_empty() => String::new(),
-                None => format!("; sensor {} of recordings", labels.join(", ")),
-            };
-            Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))
-        }
+        Some("calibration") if is_spatial(path)? => check_spatial_calibration(path),
+        Some("calibration") => check_calibration(path),
         Some("run") => {
             let run = Run::read(path)?;
             Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
@@ -138,30 +109,67 @@ fn check(path: &Path) -> anyhow::Result<String> {
         Some(other) => {
             bail!("{}: kind: found `{other}`, expected trace, recording, calibration or run", path.display())
         }
-        None if value.get("scenes").is_some() => {
-            let suite = Suite::read(path)?;
-            let runs = suite.runs(path)?.len();
-            Dataset::check_simulated(path)?;
-            check_scene(path)?;
-            Ok(format!("suite `{}` of {runs} runs of scenes", suite.name))
-        }
-        None if value.get("random").is_some() => {
-            let suite = Suite::read(path)?;
-            let sets = suite.random.map_or(0, |random| random.sets);
-            Dataset::check_simulated(path)?;
-            check_scene(path)?;
-            Ok(format!("random suite `{}` of {sets} sets", suite.name))
-        }
-        None if value.get("whisker").is_some() => {
-            check_scene(path)?;
-            Ok("scene".into())
-        }
-        None => bail!(
-            "{}: found none of the keys kind, scenes, random and whisker, expected a trace, recording, calibration, run, suite or \
-            scene",
-            path.display()
-        ),
+        None => check_without_kind(path, &value),
     }
+}
+
+fn check_spatial_calibration(path: &Path) -> anyhow::Result<String> {
+    let calibration = SpatialCalibrationFile::read(path)?;
+    let calibrated = calibration.calibrated(path, None)?;
+    let share = 100.0 * calibrated.heldout_rms_n_m / calibrated.largest_reading_n_m;
+    let (whisker, label) = (&calibration.whisker.name, &calibrated.label);
+    let through = calibration.front_end.as_ref().map_or_else(String::new, |of| format!("; through `{}`", of.name));
+    Ok(format!(
+        "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading{through}"
+    ))
+}
+
+fn check_calibration(path: &Path) -> anyhow::Result<String> {
+    let calibration = CalibrationFile::read(path)?;
+    let faces: Vec<String> = calibration
+        .faces
+        .iter()
+        .filter_map(|face| {
+            let model = face.model(None)?;
+            let share = 100.0 * model.heldout_rms_n_m / face.largest_reading_n_m;
+            let (face, label) = (face.face.name(), &model.label);
+            Some(format!("{face} ({label}, held-out RMS {share:.3} % of the largest reading)"))
+        })
+        .collect();
+    let labels: Vec<_> = calibration.sensors().map(SensorFile::label).collect();
+    let sensors = match &calibration.front_end {
+        Some(front_end) => format!("; through `{}`, sensors {}", front_end.name, labels.join(", ")),
+        None if labels.is_empty() => String::new(),
+        None => format!("; sensor {} of recordings", labels.join(", ")),
+    };
+    Ok(format!("calibration of `{}`: {}{sensors}", calibration.whisker.name, faces.join(", ")))
+}
+
+/// Checks a suite or a scene, which state no kind.
+fn check_without_kind(path: &Path, value: &Value) -> anyhow::Result<String> {
+    if value.get("scenes").is_some() {
+        let suite = Suite::read(path)?;
+        let runs = suite.runs(path)?.len();
+        Dataset::check_simulated(path)?;
+        check_scene(path)?;
+        return Ok(format!("suite `{}` of {runs} runs of scenes", suite.name));
+    }
+    if value.get("random").is_some() {
+        let suite = Suite::read(path)?;
+        let sets = suite.random.map_or(0, |random| random.sets);
+        Dataset::check_simulated(path)?;
+        check_scene(path)?;
+        return Ok(format!("random suite `{}` of {sets} sets", suite.name));
+    }
+    if value.get("whisker").is_some() {
+        check_scene(path)?;
+        return Ok("scene".into());
+    }
+    bail!(
+        "{}: found none of the keys kind, scenes, random and whisker, expected a trace, recording, calibration, run, suite or \
+        scene",
+        path.display()
+    )
 }
 
 /// A table that is no file of a run.

@@ -1,6 +1,7 @@
 //! `whisker import`: foreign recordings to traces.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::slice;
@@ -19,7 +20,7 @@ use super::{FINISHED_WITH_FAILURES, print, table};
 /// Convert recordings of real sensors into traces
 ///
 /// `csv` and `bag` read the recordings of any laboratory by a mapping file, which names columns, units and frames
-/// (docs/own-data.md).
+/// (docs/own-data.md). Other traces in the output folder are kept, with a warning.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Format of the recordings (--list)
@@ -79,6 +80,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for (file, _) in &imported.outlines {
         check_replaces_own(&out.join(file), "an outline", |path| Outline::read(path).is_ok())?;
     }
+    let planar = imported.traces.iter().map(|trace| &trace.sidecar.name);
+    let spatial = imported.spatial_traces.iter().map(|trace| &trace.sidecar.name);
+    let names: BTreeSet<String> = planar.chain(spatial).cloned().collect();
+    let others = others(&out, &names)?;
     // Outlines first: the sidecars of the traces name them.
     for (file, outline) in &imported.outlines {
         write_atomically(&out.join(file), outline.to_csv().as_bytes())?;
@@ -90,6 +95,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         trace.write(&out)?;
     }
     print(&format!("{}{}\n", contents(&imported), out.display()))?;
+    if !others.is_empty() {
+        let (folder, names) = (out.display(), others.join(", "));
+        eprintln!(
+            "warning: {folder}: also contains traces that this import does not yield, and that are fitted and evaluated with it: {names}"
+        );
+    }
     for note in &imported.notes {
         eprintln!("note: {note}");
     }
@@ -105,6 +116,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     print_failures(&imported.failures);
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Names of the traces in a folder, except for some. A recording that was renamed, removed or is now refused has left its trace there.
+///
+/// # Errors
+/// If the folder cannot be read.
+fn others(out: &Path, names: &BTreeSet<String>) -> anyhow::Result<Vec<String>> {
+    if !out.exists() {
+        return Ok(Vec::new());
+    }
+    let entries = fs::read_dir(out).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let paths = entries.with_context(|| out.display().to_string())?.into_iter().map(|entry| entry.path());
+    let is_sidecar = |path: &PathBuf| {
+        path.extension().is_some_and(|extension| extension == "json")
+            && read_json::<Value>(path).is_ok_and(|file| file["kind"] == "trace")
+    };
+    let found = paths.filter(is_sidecar).filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()));
+    let mut others: Vec<String> = found.filter(|name| !names.contains(name)).collect();
+    others.sort();
+    Ok(others)
 }
 
 /// Checks that a trace replaces nothing but a trace of the same importer, `generator`, and of the same format.

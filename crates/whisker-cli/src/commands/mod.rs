@@ -24,11 +24,12 @@ mod simulate;
 mod space;
 mod table;
 
-use std::fs;
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use files::read_json;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -145,6 +146,9 @@ fn json_or_file(text: &str) -> Result<Value, String> {
     if is_literal(text) {
         return json(text);
     }
-    json(&fs::read_to_string(text).map_err(|error| format!("neither a JSON object nor a file: {error}"))?)
-        .map_err(|error| format!("{text}: {error}"))
+    let path = Path::new(text);
+    if !path.exists() {
+        return Err("found neither a JSON object nor a file".into());
+    }
+    read_json(path).map_err(|error| error.to_string())
 }

@@ -39,6 +39,12 @@ pub struct Layout {
 /// Registry of layouts. A log without a header has the first layout whose `parse` accepts its first line.
 pub const LAYOUTS: &[Layout] = &[native::LAYOUT, deflections::LAYOUT, static_grid::LAYOUT];
 
+/// Sample whose first four fields are the time (s) and three axes.
+fn three_axes(fields: &[&str]) -> Result<Sample, (usize, &'static str)> {
+    let counts = [counts(fields, 1)?, counts(fields, 2)?, counts(fields, 3)?];
+    Ok(Sample { t_s: seconds(fields, 0)?, counts })
+}
+
 /// Finite number in field `i` (s).
 fn seconds(fields: &[&str], i: usize) -> Result<f64, (usize, &'static str)> {
     fields[i].parse().ok().filter(|value: &f64| value.is_finite()).ok_or((i, "a finite number of seconds"))

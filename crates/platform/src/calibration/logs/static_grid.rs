@@ -2,18 +2,12 @@
 //!
 //! The whisker is held still during the samples, and movements of the edge are not recorded, so such a log has no presses.
 
-use super::{Layout, counts, seconds};
-use crate::Sample;
+use super::{Layout, three_axes};
 
 pub(super) const LAYOUT: Layout = Layout {
     name: "static-grid",
     about: "static readings of OpenWhisker, header `timestamp,ss.x,ss.y,ss.z,Dist,Bend`: no movement, hence no presses",
     headers: &["timestamp,ss.x,ss.y,ss.z,Dist,Bend"],
     columns: &["timestamp", "ss.x", "ss.y", "ss.z", "Dist", "Bend"],
-    parse,
+    parse: three_axes,
 };
-
-fn parse(fields: &[&str]) -> Result<Sample, (usize, &'static str)> {
-    let counts = [counts(fields, 1)?, counts(fields, 2)?, counts(fields, 3)?];
-    Ok(Sample { t_s: seconds(fields, 0)?, counts })
-}

@@ -8,8 +8,7 @@ use crate::estimators::doubt::Search;
 use crate::estimators::motion::{MotionSettings, Round};
 use crate::estimators::start::Start;
 use crate::estimators::systematic::SystematicSettings;
-use crate::settings::to_json;
-use crate::settings::{Settings, SettingsError, within};
+use crate::settings::{Settings, SettingsError, to_json, within};
 
 /// Way of the base over which the methods of `recommended` average the readings before a touch: a reading hardly deviates
 /// from a linear function over such a way.

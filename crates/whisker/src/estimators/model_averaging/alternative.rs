@@ -18,8 +18,7 @@ use serde_json::{Map, Value};
 use crate::estimators::systematic::SystematicSettings;
 use crate::estimators::{Ahead, Estimate, Method, Sample, Touch, Tracker, Undetected};
 use crate::frames::{Base, Point};
-use crate::settings::to_json;
-use crate::settings::{SettingsError, within};
+use crate::settings::{SettingsError, to_json, within};
 
 /// Settings of the alternative.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -11,8 +11,7 @@ use crate::estimators::gaussian::{KEPT_SHARE, ONSET_WAY_M};
 use crate::estimators::second::SecondSettings;
 use crate::estimators::shares::MOST_MODELS;
 use crate::estimators::systematic::SystematicSettings;
-use crate::settings::to_json;
-use crate::settings::{Settings, SettingsError, within};
+use crate::settings::{Settings, SettingsError, to_json, within};
 
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

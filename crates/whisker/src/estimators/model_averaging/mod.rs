@@ -58,7 +58,7 @@ use crate::doubt::Doubtful;
 use crate::elastica::Elastica;
 use crate::frames::{Base, Point, Pose, Start};
 use crate::sensor::CalibratedFace;
-use crate::settings::{SettingsError, parse, with_defaults, within};
+use crate::settings::{SettingsError, parse, to_json, with_defaults, within};
 
 /// The registry's row of a method named at a key of the settings, which must not average itself and must smooth if and only if
 /// `looks_back`.
@@ -90,7 +90,7 @@ pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Res
     }
     // Settings that are not given are those of hindsight.
     let config = match config.as_object() {
-        Some(own) => parse::<Config>(&with_defaults(own, crate::settings::to_json(&Config::hindsight())))?,
+        Some(own) => parse::<Config>(&with_defaults(own, to_json(&Config::hindsight())))?,
         None => parse(config)?,
     };
     // Revised estimates are those of single samples.

@@ -21,15 +21,16 @@ use crate::frames::World;
 use crate::space::frames::Point;
 
 /// Smallest standard deviation up to which points count as equally certain (m).
-const LEAST_SPREAD_M: f64 = 10e-6;
+const LEAST_SD_M: f64 = 10e-6;
 
 /// A point around a place, in the plane across the normal there.
 struct PointAround {
     away_m: f64,
     offset_m: Vector2<f64>,
-    /// Square root of the covariance in the plane (m), and that of its trace.
+    /// Square root of the covariance in the plane.
     root_m: Matrix2<f64>,
-    spread_m: f64,
+    /// Square root of the trace of this covariance.
+    sd_across_m: f64,
     normal: Vector3<f64>,
 }
 
@@ -38,7 +39,7 @@ impl PointAround {
         let offset = point.at.vector() - at.vector();
         let root_m = root(axes.map(|one| axes.map(|other| one.dot(&(point.covariance_m2 * other)))).into());
         let offset_m = axes.map(|axis| axis.dot(&offset)).into();
-        Self { away_m: offset.norm(), offset_m, root_m, spread_m: root_m.norm(), normal: point.normal }
+        Self { away_m: offset.norm(), offset_m, root_m, sd_across_m: root_m.norm(), normal: point.normal }
     }
 }
 
@@ -56,13 +57,13 @@ pub(super) fn undetermined_sd_m(
     let mut around: Vec<PointAround> =
         facing.map(|point| PointAround::new(point, at, &axes)).filter(|point| point.away_m < reach_m).collect();
     around.sort_by(|a, b| a.away_m.total_cmp(&b.away_m));
-    let spreads_m = || around.iter().map(|point| point.spread_m);
-    let (least_m, most_m) = (spreads_m().fold(f64::INFINITY, f64::min), spreads_m().fold(0.0, f64::max));
-    let levels_m = std::iter::successors(Some(least_m.max(LEAST_SPREAD_M)), |spread_m| {
-        (*spread_m < most_m).then_some(2.0 * spread_m)
+    let sds_m = || around.iter().map(|point| point.sd_across_m);
+    let (least_m, most_m) = (sds_m().fold(f64::INFINITY, f64::min), sds_m().fold(0.0, f64::max));
+    let levels_m = std::iter::successors(Some(least_m.max(LEAST_SD_M)), |sd_across_m| {
+        (*sd_across_m < most_m).then_some(2.0 * sd_across_m)
     });
-    let of_level = |spread_m: f64| {
-        let certain: Vec<&PointAround> = around.iter().filter(|point| point.spread_m <= spread_m).collect();
+    let of_level = |sd_across_m: f64| {
+        let certain: Vec<&PointAround> = around.iter().filter(|point| point.sd_across_m <= sd_across_m).collect();
         least_sd_m(&certain)
     };
     levels_m.map(of_level).fold(f64::INFINITY, f64::min)
@@ -76,7 +77,7 @@ fn least_sd_m(points: &[&PointAround]) -> f64 {
         let within = &points[..points.partition_point(|point| point.away_m <= reach_m)];
         let cosines = within.iter().map(|point| point.normal.dot(&nearest.normal));
         let turn_rad = cosines.fold(1.0, f64::min).max(-1.0).acos();
-        let least_certain = within.iter().max_by(|a, b| a.spread_m.total_cmp(&b.spread_m)).unwrap_or(nearest);
+        let least_certain = within.iter().max_by(|a, b| a.sd_across_m.total_cmp(&b.sd_across_m)).unwrap_or(nearest);
         let hull = convex_hull(within.iter().map(|point| point.offset_m));
         let of_edge_m = nearest.away_m * turn_rad / 12_f64.sqrt();
         least_m = from_hull_m(&hull, &least_certain.root_m).hypot(of_edge_m).min(least_m);
@@ -137,11 +138,11 @@ fn chain<'a>(points: impl Iterator<Item = &'a Vector2<f64>>) -> Vec<Vector2<f64>
     corners
 }
 
-/// A square root of a covariance, also of one without full rank: the lower triangular factor of Cholesky.
+/// The symmetric square root of a covariance, also of one without full rank.
 fn root(covariance: Matrix2<f64>) -> Matrix2<f64> {
-    let first = covariance[(0, 0)].max(0.0).sqrt();
-    let both = if first > 0.0 { covariance[(1, 0)] / first } else { 0.0 };
-    Matrix2::new(first, 0.0, both, (covariance[(1, 1)] - both * both).max(0.0).sqrt())
+    let parts = covariance.symmetric_eigen();
+    let roots = parts.eigenvalues.map(|variance| variance.max(0.0).sqrt());
+    parts.eigenvectors * Matrix2::from_diagonal(&roots) * parts.eigenvectors.transpose()
 }
 
 /// Two unit vectors across a unit vector and across one another.
@@ -201,6 +202,8 @@ mod tests {
         of(Matrix2::new(0.0, 0.0, 0.0, 2.0));
         of(Matrix2::new(1.0, -2.0, -2.0, 4.0));
         of(Matrix2::zeros());
+        of(Matrix2::new(1e-30, 3e-18, 3e-18, 1e-8));
+        assert!((root(Matrix2::new(1e-30, 3e-18, 3e-18, 1e-8)).norm() - 1e-4).abs() < 1e-9);
     }
 
     #[test]

@@ -186,8 +186,8 @@ impl ImplicitSurface {
         Self { kernel, points: Vec::new(), factor: Vec::new(), whitened: Vec::new(), weights: Vec::new() }
     }
 
-    /// The surface of many points, with the length scale of the largest evidence. Of more than 120 points, the most certain one of each
-    /// touch in each cell of 1 mm is used; the cells are doubled up to seven times, and after that the 120 points with the most certain
+    /// The surface of many points, with the length scale of the largest evidence. Of more than 120 points, the one of each touch in each
+    /// cell of 1 mm with the smallest covariance (trace) is used; the cells are doubled up to seven times, and after that the 120 points with the most certain
     /// normals are used. `None` without length scales.
     pub fn fit(points: &[OrientedPoint], lengths_m: &[f64]) -> Option<Self> {
         let points = thinned(points);
@@ -200,12 +200,13 @@ impl ImplicitSurface {
         lengths_m.iter().map(of_length).max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()))
     }
 
-    /// Adds a point, unless another one of its touch is less than 1 mm away and nearly as certain. Returns whether it is used. The
+    /// Adds a point, unless another one of its touch is less than 1 mm away and nearly as certain, along the normal and in all. Returns whether it is used. The
     /// length of the path over the object therefore limits the number of points used.
     pub fn add(&mut self, point: &OrientedPoint) -> bool {
         let is_redundant_beside = |other: &OrientedPoint| {
             other.touch == point.touch
                 && other.at.distance(&point.at) < CELL_M
+                && other.sd_m() <= NEARLY_AS_CERTAIN * point.sd_m()
                 && other.spread_m() <= NEARLY_AS_CERTAIN * point.spread_m()
         };
         let is_used = !self.points.iter().any(is_redundant_beside);

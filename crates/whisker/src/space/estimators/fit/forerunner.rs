@@ -2,12 +2,15 @@
 //!
 //! A fit begins anew where it loses the contact or where the whisker has slipped to another edge. In the former case the object may have
 //! been wrong, because few readings had determined it, and the new fit may find the object that explains the readings of both. When the
-//! new fit has settled, its object is therefore searched once more with all readings. If one object is more probable than two, one after
-//! the other, the readings are joined; their evidence then replaces that of the fit that ended.
+//! new fit has settled, its object is therefore searched once more with all readings. If they do not contradict it, and one object is
+//! more probable than two, one after the other, the readings are joined, and their evidence replaces that of the fit that ended. The
+//! evidence of two objects includes that of the readings without a contact, which is small: a change of the object during a touch is
+//! improbable. If the new fit begins anew before, only its own readings can be joined to those of the next one.
 
 use super::evidence::LogEvidence;
+use super::memory::Memory;
 use super::readings::{Mean, Readings};
-use super::search::{Evidence, MOST_TRIALS, Search};
+use super::search::{Evidence, START_TRIALS, Search};
 use super::{CONTRADICTED, Earlier, Fitter};
 use crate::frames::Start;
 use crate::space::estimators::motion::{Motion, Shape};
@@ -41,14 +44,14 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// Begins to search the object of the likeliest mode with the readings of both fits, once this fit has settled and the readings do
     /// not contradict it.
     pub(super) fn begin_joining(&mut self) {
-        let is_sure = self.is_fitted() && self.has_settled() && self.contradicted_s.is_none();
+        let is_confirmed = self.is_fitted() && self.earlier != Earlier::Unconfirmed;
+        let is_sure = is_confirmed && self.has_settled() && self.contradicted_s.is_none();
         let (Some(forerunner), true) = (&self.forerunner, is_sure && self.log_evidence.is_weighed()) else { return };
         // The modes are sorted by weight.
         let Some(mode) = self.modes.first() else { return };
         let means = forerunner.readings.followed_by(&self.readings).means().to_vec();
-        let last = (mode.near, self.base);
-        let of_both = (&self.side, &self.model);
-        let search = Search::new(of_both, mode.reference, mode.prior, &mode.about.x, last, MOST_TRIALS, f64::INFINITY);
+        let (models, last) = ((&self.side, &self.model), (mode.near, self.base));
+        let search = Search::new(models, mode.reference, mode.prior, &mode.about.x, last, START_TRIALS, f64::INFINITY);
         self.joining = search.map(|search| Joining { search, means, since: 0.0 });
         if self.joining.is_none() {
             self.forerunner = None;
@@ -82,5 +85,6 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         mode.swing.change_object();
         self.readings = forerunner.readings.followed_by(&self.readings);
         self.log_evidence = joined;
+        self.memory.iter_mut().for_each(Memory::join);
     }
 }

@@ -23,6 +23,16 @@ pub(super) struct Memory {
     revised: Vec<Option<Estimate>>,
     /// The later samples.
     samples: Vec<KeptSample>,
+    /// Samples of the fit that ended when this one began anew. Their estimates, revised by that fit, are the last of `revised`.
+    handed_over: Vec<KeptSample>,
+}
+
+impl Memory {
+    /// Takes the samples of the fit that ended as those of this one, whose object explains them.
+    pub(super) fn join(&mut self) {
+        self.revised.truncate(self.revised.len() - self.handed_over.len());
+        self.samples.splice(0..0, std::mem::take(&mut self.handed_over));
+    }
 }
 
 impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
@@ -43,13 +53,14 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     pub(super) fn handed_over(&mut self, is_another: bool) -> Option<Memory> {
         let mut memory = self.memory.take()?;
         let samples = std::mem::take(&mut memory.samples);
+        // The present Base is the Start of the new fit.
+        let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
+        let moved = samples.iter().map(|kept| KeptSample { base: kept.base.then(&anew), ..*kept }).collect();
         if is_another {
-            // The present Base is the Start of the new fit.
-            let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
-            let from_now = |kept: KeptSample| KeptSample { base: kept.base.then(&anew), ..kept };
-            memory.samples = samples.into_iter().map(from_now).collect();
+            memory.samples = moved;
         } else {
             memory.revised.extend(self.revisited(&samples));
+            memory.handed_over = moved;
         }
         Some(memory)
     }
@@ -58,7 +69,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     /// contradict it. The second fit revises them from its beginning backwards, up to the first sample that its object does not
     /// explain. The causal estimates of the samples before that are kept.
     pub(super) fn followed_by(&mut self, successor: &mut Self) -> Option<Memory> {
-        let Memory { mut revised, mut samples } = self.memory.take()?;
+        let Memory { mut revised, mut samples, .. } = self.memory.take()?;
         let later = successor.memory.take()?;
         samples.truncate(samples.len() - later.revised.len() - later.samples.len());
         if let Some(last) = samples.last() {
@@ -79,13 +90,13 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         samples.truncate(explained);
         samples.reverse();
         samples.extend(later.samples);
-        Some(Memory { revised, samples })
+        Some(Memory { revised, samples, handed_over: Vec::new() })
     }
 
     /// Returns the estimates of all samples of the touch and discards the samples. `None` if there are none.
     pub(super) fn revised(&mut self) -> Option<Vec<Option<Estimate>>> {
         let memory = self.memory.as_mut()?;
-        let Memory { mut revised, samples } = std::mem::take(memory);
+        let Memory { mut revised, samples, .. } = std::mem::take(memory);
         self.successor = None;
         if revised.is_empty() && samples.is_empty() {
             return None;
@@ -102,7 +113,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     fn finish(&mut self) {
         for _ in 0..2 {
             self.search(f64::INFINITY);
-            while self.round.is_some() {
+            while self.round.is_some() || self.joining.is_some() {
                 self.search(f64::INFINITY);
             }
         }

@@ -17,7 +17,8 @@
 //! object, are the modes of the fit, each with a search of its own and with a weight by Laplace's approximation of its evidence.
 //! The work is divided among the samples. The unknown part of the tilt is not an unknown of the fit: it is filtered at the
 //! present contact of each mode. If the contact is lost, or the innovations show that the whisker has slipped to another edge,
-//! the fit begins anew with the later readings.
+//! the fit begins anew with the later readings. When the new fit has settled, the earlier ones are joined to them if one object
+//! explains both ([`forerunner`]).
 //!
 //! At the next touch the fit goes on: an object at rest explains the readings of all touches. As the whisker may touch another
 //! object, there is no estimate until the innovations have confirmed this one, and a few innovations suffice to give it up. If

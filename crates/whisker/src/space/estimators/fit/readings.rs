@@ -150,7 +150,16 @@ impl Readings {
     /// These readings and later ones.
     pub(super) fn followed_by(&self, later: &Self) -> Self {
         let mut both = Self { scale: self.scale.max(later.scale), ..self.clone() };
-        let moved: Vec<usize> = later.means.iter().map(|mean| both.include(*mean)).collect();
+        let join = |mean: &Mean| {
+            let place = both.include(*mean);
+            if let Some(earlier) = self.means.get(place) {
+                // The later readings were taken in other stays.
+                let stays = &mut both.means[place].stays;
+                *stays = stays.max(earlier.stays + mean.stays);
+            }
+            place
+        };
+        let moved: Vec<usize> = later.means.iter().map(join).collect();
         both.last = later.last.map(|last| moved[last]);
         both.bound();
         both

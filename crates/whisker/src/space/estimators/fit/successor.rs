@@ -37,7 +37,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         let Some(Successor { mut fit, lost }) = self.successor.take() else {
             if estimate.is_some() {
                 let memory = self.memory.as_ref().map(|_| Default::default());
-                let fit = Box::new(Self { memory, ..self.anew() });
+                let fit = Box::new(Self { memory, forerunner: None, ..self.anew() });
                 self.successor = Some(Successor { fit, lost: self.log_evidence.lost() });
             }
             return estimate;

@@ -1,0 +1,284 @@
+//! Imports of changed copies of the example of own recordings.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use importers::{Imported, importer};
+use serde_json::{Value, json};
+use trace::{Sidecar, Trace};
+
+/// Copy of `examples/own-data`.
+struct Laboratory {
+    folder: tempfile::TempDir,
+}
+
+impl Laboratory {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data");
+        for entry in fs::read_dir(example).unwrap() {
+            let path = entry.unwrap().path();
+            fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+        }
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn mapped(self, change: impl FnOnce(&mut Value)) -> Self {
+        let path = self.path("import.json");
+        let mut mapping = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+        change(&mut mapping);
+        fs::write(&path, mapping.to_string()).unwrap();
+        self
+    }
+
+    /// Changes the cells of a recording, by line from 1.
+    fn cells(self, name: &str, change: impl Fn(usize, &mut Vec<String>)) -> Self {
+        let path = self.path(name);
+        let text = fs::read_to_string(&path).unwrap();
+        let line = |(i, line): (usize, &str)| {
+            let mut cells: Vec<String> = line.split(',').map(Into::into).collect();
+            change(i + 1, &mut cells);
+            cells.join(",") + "\n"
+        };
+        fs::write(&path, text.lines().enumerate().map(line).collect::<String>()).unwrap();
+        self
+    }
+
+    /// Replaces a reading.
+    fn reading(self, name: &str, at: usize, counts: &str) -> Self {
+        self.cells(name, |line, cells| {
+            if line == at {
+                cells[4] = counts.into();
+            }
+        })
+    }
+
+    fn import(&self) -> Result<Imported, String> {
+        let result = (importer("csv").unwrap().import)(&self.path("import.json"), &|_, _| {});
+        result.map_err(|error| error.to_string())
+    }
+
+    /// Asserts that the import, or that of one recording, fails with an error that ends in `words`.
+    fn fails(&self, words: &str) {
+        let errors = match self.import() {
+            Err(error) => vec![error],
+            Ok(imported) => imported.failures.iter().map(ToString::to_string).collect(),
+        };
+        assert!(errors.len() == 1 && errors[0].contains(words), "`{words}`: {errors:?}");
+    }
+}
+
+fn known(imported: &Imported, name: &str) -> usize {
+    trace(imported, name).truth.instants.iter().filter(|truth| truth.contact.is_some()).count()
+}
+
+fn trace<'a>(imported: &'a Imported, name: &str) -> &'a Trace {
+    imported.traces.iter().find(|trace| trace.sidecar.name == name).unwrap()
+}
+
+fn of_calibration(imported: &Imported) -> usize {
+    (1..=4).map(|index| known(imported, &format!("calibration_{index}"))).sum()
+}
+
+#[test]
+fn regress_the_example_has_the_known_contacts_and_threshold_of_before() {
+    let imported = Laboratory::new().import().unwrap();
+    assert!(imported.failures.is_empty());
+    assert_eq!((of_calibration(&imported), known(&imported, "trial_1")), (919, 449));
+    let recorded = trace(&imported, "trial_1").sidecar.recorded.as_ref().unwrap();
+    let pairs = [
+        (recorded.characteristic[0], -29_936_408.937_419_068),
+        (recorded.residual_counts, 2.303_107_832_838_619),
+        (recorded.noise_sd_n_m, 8.111_466_025_458_73e-8),
+        (recorded.touch_counts, 29.58),
+    ];
+    for (found, expected) in pairs {
+        assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
+    }
+}
+
+#[test]
+fn robust_a_glitch_of_unevenly_spaced_readings_changes_its_neighbourhood_alone() {
+    let clean = Laboratory::new().import().unwrap();
+    // While the whisker is free and while it touches, in a trial and in a calibration.
+    for (name, line) in [("trial_1", 300), ("trial_1", 20), ("calibration_1", 30), ("calibration_1", 200)] {
+        for counts in ["65535", "1e8", "-1e8"] {
+            let file = format!("{name}.csv");
+            let imported = Laboratory::new().reading(&file, line, counts).import().unwrap();
+            let place = format!("{name} {line} {counts}");
+            assert!(imported.failures.is_empty(), "{place}");
+            let value = counts.parse::<f64>().unwrap();
+            let note = format!("{file}:{line}: column `hall_counts`: found {value}, the first of 1 such readings");
+            assert!(imported.notes.iter().any(|remark| remark.contains(&note)), "{place}: {:?}", imported.notes);
+            for (found, expected) in imported.traces.iter().zip(&clean.traces) {
+                let (of, at) = (&found.sidecar, found.sidecar.recorded.as_ref().unwrap());
+                let before = expected.sidecar.recorded.as_ref().unwrap();
+                // Rest is a median, which a single value may shift to the next count.
+                assert!((at.rest_counts - before.rest_counts).abs() <= 1.0, "{place}");
+                assert!((at.touch_counts / before.touch_counts - 1.0).abs() < 1e-2, "{place}");
+                let ratio = at.noise_sd_n_m / before.noise_sd_n_m;
+                assert!((0.8..1.25).contains(&ratio), "{place}: {} has {ratio} times the noise", of.name);
+                let scale = at.characteristic[0] / before.characteristic[0];
+                assert!((scale - 1.0).abs() < 3e-3, "{place}: {scale} times the counts per moment");
+                let rows = found.truth.instants.iter().zip(&expected.truth.instants);
+                let changed = rows.filter(|(found, expected)| found.contact.is_some() != expected.contact.is_some());
+                assert!(changed.count() <= 2, "{place}: {}", of.name);
+                let largest_n_m =
+                    expected.recording.instants.iter().map(|now| now.moment_z_n_m.abs()).fold(0.0, f64::max);
+                let wrong = found.recording.instants.iter().filter(|now| now.moment_z_n_m.abs() > 1.1 * largest_n_m);
+                assert!(wrong.count() <= 2, "{place}: {}", of.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn robust_a_glitch_of_two_samples_in_a_trial_leaves_the_calibration() {
+    let clean = Laboratory::new().import().unwrap();
+    let laboratory = Laboratory::new().reading("trial_1.csv", 300, "65535").reading("trial_1.csv", 301, "65535");
+    let imported = laboratory.import().unwrap();
+    for (found, expected) in imported.traces.iter().zip(&clean.traces).take(4) {
+        assert_eq!(found.to_csv(), expected.to_csv(), "{}", found.sidecar.name);
+    }
+}
+
+#[test]
+fn robust_moments_that_a_reader_refuses_are_refused() {
+    let moments =
+        |mapping: &mut Value| mapping["reading"] = json!({"column": "hall_counts", "unit": "N m", "rest_s": 0.3});
+    // Far above the weight of any robot, but read again.
+    let laboratory = Laboratory::new().mapped(moments).reading("trial_1.csv", 300, "50000");
+    let imported = laboratory.import().unwrap();
+    let path = trace(&imported, "trial_1").write(laboratory.folder.path()).unwrap();
+    assert_eq!(Trace::read(&path).unwrap().to_csv(), trace(&imported, "trial_1").to_csv());
+    let laboratory = Laboratory::new().mapped(moments).reading("trial_1.csv", 300, "1000001");
+    laboratory
+        .fails("trial_1.csv:300: column `hall_counts`: found 1000001 N m, expected a magnitude of at most 1000000 N m");
+    let stated = |mapping: &mut Value| mapping["reading"]["characteristic"] = json!([0.01, 0, 0]);
+    let laboratory = Laboratory::new().mapped(stated).reading("trial_1.csv", 300, "20512");
+    laboratory.fails("trial_1.csv:300: column `hall_counts`: found 2000000 N m from rest, expected a magnitude of at most 1000000 N m");
+}
+
+#[test]
+fn robust_contacts_beyond_the_range_of_a_trace_are_refused() {
+    let far = |mapping: &mut Value| {
+        mapping["reading"]["characteristic"] = json!([-3e7, 0, 0]);
+        mapping["contact"]["x"] = json!({"value": 600, "unit": "m"});
+        mapping["contact"]["radius"] = json!({"value": 500, "unit": "m"});
+    };
+    let error = Laboratory::new().mapped(far).import().map(drop).unwrap_err();
+    assert!(error.contains("contact: found 600 m, 0.12 m, expected magnitudes of at most 499.9"), "{error}");
+}
+
+#[test]
+fn robust_a_characteristic_without_known_contacts_states_what_is_missing() {
+    let trials = |mapping: &mut Value| {
+        for recording in mapping["recordings"].as_array_mut().unwrap() {
+            recording["role"] = "trial".into();
+        }
+    };
+    Laboratory::new().mapped(trials).fails(
+        "import.json: reading.characteristic: found none, and no recording with the role `calibration`, expected recordings with",
+    );
+    let words = "reading.characteristic: found none, and no known contact in the recordings with the role `calibration` (4), \
+                 expected a `contact`, and rows in which the whisker touches it: the reading differs by more than `touch`";
+    Laboratory::new().mapped(|mapping| mapping["reading"]["touch"] = json!(1e6)).fails(words);
+    Laboratory::new().mapped(|mapping| drop(mapping.as_object_mut().unwrap().remove("contact"))).fails(words);
+    let metres = |mapping: &mut Value| mapping["pose"]["x"]["unit"] = "m".into();
+    Laboratory::new().mapped(metres).fails("0 of 919 contacts of the calibration within reach of the whisker");
+}
+
+/// Example whose trial has a column `touch`: 1 while the whisker touches, else 0, and `cell` in line 300.
+fn with_touching(cell: &str) -> Laboratory {
+    let laboratory = Laboratory::new().mapped(|mapping| mapping["recordings"][4]["touching"] = "touch".into());
+    laboratory.cells("trial_1.csv", |line, cells| {
+        cells.push(match line {
+            1 => "touch".into(),
+            300 => cell.into(),
+            _ => "0".into(),
+        });
+    })
+}
+
+#[test]
+fn robust_a_column_of_touches_has_the_values_0_and_1_alone() {
+    for cell in ["255", "2", "-1", "0.5"] {
+        let found = format!("trial_1.csv:300: column `touch`: found {cell}, expected 0, 1 or an empty field");
+        with_touching(cell).fails(&found);
+    }
+    let of = |cell: &str| known(&with_touching(cell).import().unwrap(), "trial_1");
+    assert_eq!((of("0"), of("1.0")), (0, 1));
+    // The threshold decides, in the rows that the missing value would determine.
+    assert_eq!(of(""), 2);
+}
+
+#[test]
+fn robust_wrong_values_of_a_mapping_are_stated_as_in_the_file() {
+    let of = |change: fn(&mut Value), words: &str| Laboratory::new().mapped(change).fails(words);
+    of(|mapping| mapping["reading"]["rest_s"] = json!(-1), "reading.rest_s: found -1, expected");
+    of(|mapping| mapping["reading"]["touch"] = json!(-5), "reading.touch: found -5, expected");
+    of(|mapping| mapping["reading"]["degree"] = json!(10), "reading.degree: found 10, expected 1 to 3");
+    of(|mapping| mapping["delimiter"] = json!("é"), "delimiter: found `é`, expected an ASCII character");
+    of(|mapping| mapping["whisker"]["preset"] = json!(5), "whisker.preset: found 5, expected the name of a preset");
+    of(
+        |mapping| mapping["contact"]["radius"]["value"] = json!(-1),
+        "import.json: contact.radius: found -1 mm, expected a positive radius",
+    );
+    of(|mapping| mapping["contact"]["y"] = json!({"unit": "mm"}), "import.json: contact.y: found neither");
+    let own = |mapping: &mut Value| {
+        let mut contact = mapping["contact"].clone();
+        contact["radius"]["value"] = json!(0);
+        mapping["recordings"][1]["contact"] = contact;
+    };
+    of(own, "import.json: recordings[1].contact.radius: found 0 mm, expected a positive radius");
+}
+
+#[test]
+fn robust_the_default_gap_is_longer_than_the_intervals_of_a_low_rate() {
+    let slow = Laboratory::new().mapped(|mapping| {
+        mapping["rate_hz"] = json!(1);
+        mapping["reading"]["characteristic"] = json!([-3e7, 0, 0]);
+    });
+    let imported = slow.import().unwrap();
+    assert_eq!((imported.traces.len(), imported.failures.len()), (5, 0));
+    let short = Laboratory::new().mapped(|mapping| mapping["longest_gap_s"] = json!(0.001));
+    short.fails("longest_gap_s: found 0.001, expected 0.01, the interval at `rate_hz`, to 60");
+}
+
+#[test]
+fn robust_the_same_content_twice_is_refused() {
+    let twice = |mapping: &mut Value| {
+        let again = json!({"file": "again.csv", "role": "calibration", "face": "left"});
+        mapping["recordings"].as_array_mut().unwrap().push(again);
+    };
+    let laboratory = Laboratory::new().mapped(twice);
+    fs::copy(laboratory.path("calibration_1.csv"), laboratory.path("again.csv")).unwrap();
+    let error = laboratory.import().map(drop).unwrap_err();
+    let words =
+        "recordings[5].file: found the same content as the recording `calibration_1`, expected each recording once";
+    assert!(error.contains(words), "{error}");
+}
+
+#[test]
+fn robust_a_folder_in_place_of_a_recording() {
+    let laboratory = Laboratory::new();
+    fs::remove_file(laboratory.path("trial_1.csv")).unwrap();
+    fs::create_dir(laboratory.path("trial_1.csv")).unwrap();
+    laboratory.fails("trial_1.csv: file: found a folder, expected a CSV file");
+}
+
+#[test]
+fn verif_imported_traces_are_read_again() {
+    let laboratory = Laboratory::new();
+    let imported = laboratory.import().unwrap();
+    for trace in &imported.traces {
+        let folder = tempfile::tempdir().unwrap();
+        let path = trace.write(folder.path()).unwrap();
+        assert_eq!(&Trace::read(&path).unwrap().sidecar, &trace.sidecar);
+        Sidecar::read(&path).unwrap();
+    }
+}
