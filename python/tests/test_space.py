@@ -589,7 +589,9 @@ def test_verif_a_surface_is_fitted_to_the_points_of_a_replay(trial):
     known = np.flatnonzero(replay.calibrated & (replay.sd_m < 1e-3))
     # The standard deviation along the normal is the same in either frame.
     of_frames = [(replay.normal, replay.covariance_m2), (replay.normal_world, replay.covariance_world_m2)]
-    in_base, in_world = (np.einsum("ni,nij,nj->n", normal[known], covariance[known], normal[known]) for normal, covariance in of_frames)
+    in_base, in_world = (
+        np.einsum("ni,nij,nj->n", normal[known], covariance[known], normal[known]) for normal, covariance in of_frames
+    )
     assert np.allclose(in_base, in_world, rtol=1e-6)
     normals = replay.normal_world[known]
     surface = wc.SpatialSurface.fit(
