@@ -116,3 +116,37 @@ fn verif_golden_traces_pass() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
 }
+
+#[test]
+fn verif_other_files_in_a_folder_of_traces_are_left_out() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    let output = check(&golden);
+    let found = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(found.contains("golden_pin") && !found.contains("butterworth"), "{found}");
+
+    // A trace without its sidecar is no other file.
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(golden.join("golden_pin.csv"), folder.path().join("golden_pin.csv")).unwrap();
+    fs::write(folder.path().join("notes.csv"), "time,remark\n0,none\n").unwrap();
+    let output = check(folder.path());
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        output.status.code() == Some(1) && errors.contains("golden_pin.json") && !errors.contains("notes"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn verif_rows_of_unknown_truth_are_counted() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden");
+    let folder = tempfile::tempdir().unwrap();
+    let mut trace = Trace::read(&golden.join("golden_pin.csv")).unwrap();
+    trace.sidecar.contour = None;
+    let free = |truth: &&mut trace::TruthInstant| truth.touching == Some(false);
+    let unknown = trace.truth.instants.iter_mut().filter(free).take(10).map(|truth| truth.touching = None).count();
+    trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+    trace.write(folder.path()).unwrap();
+    let found = String::from_utf8(check(&folder.path().join("golden_pin.csv")).stdout).unwrap();
+    assert!(found.contains("touching in ") && found.contains(&format!("unknown in {unknown}")), "{found}");
+}

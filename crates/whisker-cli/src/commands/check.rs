@@ -17,7 +17,7 @@ use testbed::space::files::SPATIAL_RUN_FILES;
 use testbed::space::run::SpatialRun;
 use trace::{
     ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
-    SpatialCertificate, SpatialTrace, Suite, Trace, is_spatial,
+    SpatialCertificate, SpatialTrace, Suite, Trace, is_spatial, is_trace_table,
 };
 
 use super::{print, python};
@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The given files, and the CSV and JSON files of given folders. A trace and its sidecar count once.
+/// The given files, and the CSV and JSON files of given folders, except for tables of other programs. A trace and its sidecar count once.
 fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
@@ -62,7 +62,7 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
             let file = entry?.path();
             let is_json = file.extension().is_some_and(|extension| extension == "json");
             let is_csv = file.extension().is_some_and(|extension| extension == "csv");
-            if is_csv || (is_json && !file.with_extension("csv").is_file()) {
+            if (is_csv && is_own_table(&file)) || (is_json && !file.with_extension("csv").is_file()) {
                 inside.push(file);
             }
         }
@@ -73,6 +73,16 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         files.extend(inside);
     }
     Ok(files)
+}
+
+/// Whether a CSV file in a folder has a sidecar, or is a trace without one or another table of the formats. A file that cannot be read
+/// counts, so that it is reported.
+fn is_own_table(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_extension("json").is_file()
+        || PARTS.iter().any(|ending| name.ends_with(ending))
+        || is_trace_table(path).unwrap_or(true)
+        || !matches!(check_table(path), Ok(None))
 }
 
 fn check(path: &Path) -> anyhow::Result<String> {
@@ -88,7 +98,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
         let settings: SettingsUsed = read_json(path)?;
         return Ok(format!("settings of `whisker recordings` on {} calibrations", settings.kernels.len()));
     }
-    for ending in [".joints.csv", ".objects.csv"] {
+    for ending in PARTS {
         if name.ends_with(ending) {
             return check_part(path, ending);
         }
@@ -194,6 +204,9 @@ macro_rules! table {
     };
 }
 
+/// Ends of the names of further tables of a recording of several whiskers.
+const PARTS: [&str; 2] = [".joints.csv", ".objects.csv"];
+
 const OTHER_TABLES: [Table; 2] = [
     Table {
         end: ".contour.csv",
@@ -271,7 +284,7 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
         bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
     }
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
-    let truth = touching(trace.truth.instants.iter().filter_map(|truth| truth.touching));
+    let truth = touching(trace.truth.instants.iter().map(|truth| truth.touching));
     let certificate = match &sidecar.certificate {
         None => String::new(),
         Some(certificate) => format!(", {}", certified(path, certificate)?),
@@ -288,7 +301,7 @@ fn check_spatial_trace(path: &Path) -> anyhow::Result<String> {
     }
     let sidecar = &trace.sidecar;
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
-    let truth = touching(trace.truth.instants.iter().filter_map(|truth| truth.touching));
+    let truth = touching(trace.truth.instants.iter().map(|truth| truth.touching));
     let certificate = match &sidecar.certificate {
         None => String::new(),
         Some(certificate) => format!(", {}", certified_in_space(path, certificate)?),
@@ -296,13 +309,18 @@ fn check_spatial_trace(path: &Path) -> anyhow::Result<String> {
     Ok(format!("trace in space `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
 }
 
-/// Share of the rows in contact, as text.
-fn touching(known: impl Iterator<Item = bool>) -> String {
-    let (mut touching, mut free) = (0, 0);
-    known.for_each(|is_touching| *(if is_touching { &mut touching } else { &mut free }) += 1);
-    match touching + free {
-        0 => "truth unknown".into(),
-        known => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
+/// Share of the rows in contact, as text. If the truth of some rows is unknown, as in recordings, the numbers of rows.
+fn touching(rows: impl Iterator<Item = Option<bool>>) -> String {
+    let (mut touching, mut free, mut unknown) = (0, 0, 0);
+    rows.for_each(|row| match row {
+        Some(true) => touching += 1,
+        Some(false) => free += 1,
+        None => unknown += 1,
+    });
+    match (touching + free, unknown) {
+        (0, _) => "truth unknown".into(),
+        (known, 0) => format!("touching {:.0} %", 100.0 * f64::from(touching) / f64::from(known)),
+        _ => format!("touching in {touching} rows, free in {free}, unknown in {unknown}"),
     }
 }
 
