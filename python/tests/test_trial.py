@@ -219,6 +219,16 @@ def test_verif_evaluate_has_a_row_for_each_trace_seed_and_estimator(simulated, c
     assert wc.evaluate([simulated], calibration, ["ekf"], seeds=np.int64(1))["seed"].tolist() == [1]
 
 
+def test_robust_an_error_of_an_estimator_names_its_trial(simulated, calibration):
+    class Wrong:
+        def step(self, *_):
+            return 3.0
+
+    with pytest.raises(ValueError, match="found") as raised:
+        wc.evaluate([simulated], calibration, {"wrong": lambda trial: Wrong()}, seeds=[7])
+    assert raised.value.__notes__ == [f"estimator `wrong`, trace {simulated.name}, seed 7"]
+
+
 def test_robust_a_glitch_does_not_scale_the_noise(tmp_path, calibration):
     for file in GOLDEN.glob("golden_pin*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())

@@ -56,6 +56,8 @@ def evaluate(
     group and whisker, by default 0.01, and 0 for recordings of real sensors. `seeds` are a number of seeds from 1 on, or the seeds
     themselves. Registered estimators run in parallel on `threads` threads, with the same result.
 
+    An exception of an estimator has a note with the estimator, the trace and the seed.
+
     Returns a structured array with a row for each trace, seed and estimator: `trace`, `group`, `whisker`, `seed`, `estimator`,
     then the scores, those of `Trial.score` or `SpatialTrial.score`.
     """
@@ -78,7 +80,14 @@ def evaluate(
         added_n_m = fraction * largest_n_m[trace.group, trace.whisker.name]
         trial = _trial(trace, _calibration(calibrations, trace.whisker.name), seed, added_n_m)
         head = {"trace": trace.name, "group": trace.group, "whisker": trace.whisker.name, "seed": seed}
-        return [{**head, "estimator": name, **_scores(trial, estimator)} for name, estimator in chosen.items()]
+        rows: list[dict[str, object]] = []
+        for name, estimator in chosen.items():
+            try:
+                rows.append({**head, "estimator": name, **_scores(trial, estimator)})
+            except Exception as error:
+                error.add_note(f"estimator `{name}`, trace {trace.name}, seed {seed}")
+                raise
+        return rows
 
     jobs = [(trace, seed) for trace in traces for seed in each_seed]
     if threads == 1:
