@@ -167,7 +167,7 @@ pub struct SpatialMapRow {
     /// Mean distance of its vertices with a standard deviation of at most 0.1 mm from the true solid, not aligned. `None` if the
     /// true solid is a mesh, or without such vertices.
     pub surface_mean_m: Option<f64>,
-    /// Share of these vertices whose distance is at most 1.96 standard deviations.
+    /// Share of all vertices whose distance is at most 1.96 standard deviations.
     pub surface_coverage: Option<f64>,
 }
 

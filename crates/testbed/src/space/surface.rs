@@ -9,7 +9,7 @@ use whisker::space::surface::{ImplicitSurface, LENGTHS_M, OrientedPoint, Project
 use super::solid::Solid;
 use crate::statistics;
 
-/// Largest standard deviation of a vertex, and of one that is scored.
+/// Largest standard deviation of a vertex, and of one whose distance counts.
 const MOST_SD_M: f64 = 1e-3;
 const CERTAIN_SD_M: f64 = 0.1e-3;
 
@@ -42,7 +42,7 @@ pub struct SurfaceMesh {
 pub struct SurfaceScore {
     /// Mean distance of the vertices with a standard deviation of at most 0.1 mm (m). `None` without such vertices.
     pub mean_m: Option<f64>,
-    /// Share of these vertices whose distance is at most 1.96 standard deviations. `None` without such vertices.
+    /// Share of all vertices whose distance is at most 1.96 standard deviations. `None` without vertices.
     pub coverage: Option<f64>,
 }
 
@@ -81,11 +81,12 @@ impl SurfaceMesh {
 
     /// Distances from a solid, without alignment.
     pub fn score(&self, solid: &Solid) -> SurfaceScore {
-        let certain = self.vertices.iter().map(|vertex| vertex.on).filter(|on| on.sd_m <= CERTAIN_SD_M);
-        let away: Vec<(f64, f64)> = certain.map(|on| (solid.distance_m(on.at.vector()), on.sd_m)).collect();
+        let vertices = self.vertices.iter().map(|vertex| vertex.on);
+        let away: Vec<(f64, f64)> = vertices.map(|on| (solid.distance_m(on.at.vector()), on.sd_m)).collect();
+        let certain = away.iter().filter(|(_, sd_m)| *sd_m <= CERTAIN_SD_M);
         let is_within = |(distance_m, sd_m): &(f64, f64)| f64::from(*distance_m <= statistics::NORMAL_95 * sd_m);
         SurfaceScore {
-            mean_m: statistics::mean(away.iter().map(|(distance_m, _)| *distance_m)),
+            mean_m: statistics::mean(certain.map(|(distance_m, _)| *distance_m)),
             coverage: statistics::mean(away.iter().map(is_within)),
         }
     }

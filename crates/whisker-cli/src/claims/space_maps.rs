@@ -46,9 +46,7 @@ fn of_maps(
         ),
         Claim::at_least(
             format!("{run}_map_{kind}_{estimator}_coverage"),
-            about(
-                "share of the vertices with a standard deviation of at most 0.1 mm that lie within 1.96 of it of the true solid, mean over solids",
-            ),
+            about("share of the vertices that lie within 1.96 standard deviations of the true solid, mean over solids"),
             88.0,
             "%",
             move |context| Ok(mean_of(context, |map| map.surface_coverage).map(|share| 100.0 * share)),
