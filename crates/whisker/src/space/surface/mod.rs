@@ -17,7 +17,8 @@
 //! covariance, as those of a Kalman filter without process noise. A tenth of the variance of each point is added as independent error.
 //! Errors of different touches count as independent.
 //!
-//! The standard deviation also includes what the points leave undetermined ([`extent`]).
+//! The standard deviation also includes what the points leave undetermined: beyond their convex hull, which is as uncertain as the places
+//! of the points, the distance from it; within the hull, an edge at which the normal may turn.
 //!
 //! [`ImplicitSurface::add`] takes points one by one, each in a time proportional to the square of the number of points used, with a
 //! given length scale. [`ImplicitSurface::fit`] takes all points at once and also chooses the length scale. Unless points are left out,
