@@ -16,7 +16,7 @@ const MOST_NUMBERS: usize = 100_000_000;
 /// Rounding errors of a covariance, relative to its norm.
 const ROUNDING: f64 = 1e-9;
 
-/// What errors expect of a covariance.
+/// Expectation in an error about a matrix that is no covariance.
 pub(crate) const COVARIANCE: &str = "a symmetric matrix without negative eigenvalues";
 
 /// An array of real numbers, or what NumPy converts to one.

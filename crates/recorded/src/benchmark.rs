@@ -368,8 +368,8 @@ struct Swept<'a> {
 }
 
 impl<'a> Swept<'a> {
-    /// `None` if the sweep never touches, see [`touch_rows`], or the batch states no contact. The published filter starts 5 mm from the first contact of the batch, in a direction
-    /// drawn from `seed`.
+    /// `None` if the sweep never touches, see [`touch_rows`], or the batch states no contact. The published filter starts 5 mm from
+    /// the first contact of the batch, in a direction drawn from `seed`.
     fn new(
         calibrated: &Calibrated,
         published: &Process,

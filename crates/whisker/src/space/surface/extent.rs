@@ -1,4 +1,4 @@
-//! What touched points leave undetermined of a surface.
+//! Uncertainty of a surface between and beyond its touched points.
 //!
 //! The points of a stroke determine the curvature along the stroke, not across it: a plane and a thin rod give the same points. Beyond
 //! the convex hull of the points, projected along the normal, the surface may end at an edge, and so the distance from the hull is added

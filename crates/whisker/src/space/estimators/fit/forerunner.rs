@@ -12,9 +12,7 @@ use super::memory::Memory;
 use super::readings::{Mean, Readings};
 use super::search::{Evidence, START_TRIALS, Search};
 use super::{CONTRADICTED, Earlier, Fitter};
-use crate::frames::Start;
 use crate::space::estimators::motion::{Motion, Shape};
-use crate::space::frames::Pose;
 
 /// A fit that ended: its readings, in the frame of the new fit, and its evidence.
 pub(super) struct Forerunner {
@@ -36,9 +34,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         if !self.is_fitted() || self.earlier == Earlier::Unconfirmed {
             return None;
         }
-        // The present Base is the Start of the new fit.
-        let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
-        Some(Forerunner { readings: self.readings.seen_from(&anew), evidence: self.log_evidence })
+        Some(Forerunner { readings: self.readings.seen_from(&self.start_anew()), evidence: self.log_evidence })
     }
 
     /// Begins to search the object of the likeliest mode with the readings of both fits, once this fit has settled and the readings do

@@ -53,8 +53,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     pub(super) fn handed_over(&mut self, is_another: bool) -> Option<Memory> {
         let mut memory = self.memory.take()?;
         let samples = std::mem::take(&mut memory.samples);
-        // The present Base is the Start of the new fit.
-        let anew: Pose<Start, Start> = self.base.inverse().then(&Pose::identity());
+        let anew = self.start_anew();
         let moved = samples.iter().map(|kept| KeptSample { base: kept.base.then(&anew), ..*kept }).collect();
         if is_another {
             memory.samples = moved;

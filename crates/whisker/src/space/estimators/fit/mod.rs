@@ -216,6 +216,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Self { unrest: self.unrest, ringing: self.ringing, forerunner, log_evidence, front, ..new }
     }
 
+    /// Start of this fit seen from that of a fit that begins anew, which is the present Base.
+    fn start_anew(&self) -> Pose<Start, Start> {
+        self.base.inverse().then(&Pose::identity())
+    }
+
     /// Begins a touch of a known object: its contact is sought from the place of the last one.
     fn approach(&mut self) {
         let (axis, motion) = (self.side.axis(), self.released.then(&self.base.inverse()));
