@@ -149,6 +149,16 @@ fn val_models_without_mechanics_reproduce_exact_readings_and_state_their_error()
 }
 
 #[test]
+fn verif_the_covariance_contains_the_variances_that_the_model_predicts() {
+    let at = Around::new(0.045, 2e-3, 1e-3);
+    for (row, face) in models() {
+        let (covariance, sd_n_m) = (face.model_covariance_n2_m2(at), face.model.sd_n_m(at));
+        assert_eq!(sd_n_m.min() > 0.0, row.kind == "gaussian-process", "{}", row.kind);
+        assert!((0..2).all(|moment| covariance[(moment, moment)] > sd_n_m[moment].powi(2)), "{}", row.kind);
+    }
+}
+
+#[test]
 fn verif_candidates_are_settings_and_each_calibration_has_some() {
     for real_sensor in [false, true] {
         let compared: Vec<_> = SPATIAL_MODELS.iter().filter(|row| !(row.candidates)(real_sensor).is_empty()).collect();

@@ -92,7 +92,7 @@ pub struct SpatialModelFile {
     pub heldout_rms_n_m: f64,
     /// Largest residual of a moment on held-out lines.
     pub heldout_worst_n_m: f64,
-    /// Covariance of the model's error over the calibrated domain.
+    /// Covariance of the model's error over the calibrated domain, in addition to the variances that the model itself predicts.
     pub error: SpatialErrorMap,
     /// The sensor model, tagged by `kind`.
     pub model: Value,

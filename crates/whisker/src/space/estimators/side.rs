@@ -108,14 +108,14 @@ impl Side {
     /// Readings of a contact by the sensor model. Beyond the calibrated domain they are extrapolated linearly from the nearest
     /// calibrated contact: a belief that extends over the border is thus drawn back. The model error there is that at the border.
     pub(super) fn expect(&self, at: Around) -> Expected {
-        let CalibratedSpace { domain, model, error, .. } = &*self.calibrated;
+        let CalibratedSpace { domain, model, .. } = &*self.calibrated;
         let (held, shares) = domain.held(at);
         let (reading_n_m, slopes) = model.predict_around(self.axis(), held);
         let extrapolated_n_m = slopes * (at.vector() - held.vector());
         Expected {
             reading_n_m: reading_n_m + extrapolated_n_m,
             slopes,
-            model_n2_m2: error.covariance_at(held, shares),
+            model_n2_m2: self.calibrated.held_covariance_n2_m2(held, shares),
             beyond_n_m: extrapolated_n_m * BEYOND_SD,
         }
     }

@@ -1,4 +1,4 @@
-//! Correlation length of the errors of a sensor model along lines of contacts.
+//! Correlation length of the errors of a sensor model along the path of a contact.
 
 use super::error::{Residual, exponential};
 
@@ -9,22 +9,35 @@ const COMPARED: usize = 60;
 /// Correlation length (m) if the calibration does not determine it.
 const DEFAULT_M: f64 = 5e-3;
 
-/// Correlation length (m) of the exponential covariance function that is the least-squares fit to the correlations of all pairs of
-/// errors of one line, both readings together. The correlation of a pair is `2 a.b / (a.a + b.b)`, which is bounded, so
-/// that single large errors do not dominate. [`DEFAULT_M`] if no line has two contacts.
-pub(super) fn length_m(lines: &[Vec<Residual>]) -> f64 {
-    let mut pairs: Vec<(f64, f64)> = Vec::new();
-    for line in lines {
-        for (i, one) in line.iter().enumerate() {
-            pairs.extend(line[i + 1..].iter().filter_map(|other| {
-                let size = 0.5 * (one.error_n_m.norm_squared() + other.error_n_m.norm_squared());
-                let correlation = one.error_n_m.dot(&other.error_n_m) / size;
-                (size > 0.0).then(|| (one.contact.distance(&other.contact), correlation))
-            }));
-        }
-    }
+/// Correlation of the errors at two contacts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correlation {
+    /// Distance of the contacts (m).
+    pub distance_m: f64,
+    /// Correlation of the errors of both readings together, between -1 and 1.
+    pub value: f64,
+}
+
+/// Correlations of all pairs of errors of one line: `2 a.b / (a.a + b.b)`, which is bounded, so that single large errors do not
+/// dominate.
+pub(super) fn of_residuals(lines: &[Vec<Residual>]) -> Vec<Correlation> {
+    let pairs = lines.iter().flat_map(|line| {
+        line.iter().enumerate().flat_map(|(i, one)| line[i + 1..].iter().map(move |other| (one, other)))
+    });
+    pairs
+        .filter_map(|(one, other)| {
+            let size = 0.5 * (one.error_n_m.norm_squared() + other.error_n_m.norm_squared());
+            let value = one.error_n_m.dot(&other.error_n_m) / size;
+            (size > 0.0).then(|| Correlation { distance_m: one.contact.distance(&other.contact), value })
+        })
+        .collect()
+}
+
+/// Correlation length (m) of the exponential covariance function that is the least-squares fit to these correlations.
+/// [`DEFAULT_M`] if there are none.
+pub(super) fn length_m(pairs: &[Correlation]) -> f64 {
     let misfit = |length_m: f64| -> f64 {
-        pairs.iter().map(|(distance_m, found)| (exponential(*distance_m, length_m) - found).powi(2)).sum()
+        pairs.iter().map(|pair| (exponential(pair.distance_m, length_m) - pair.value).powi(2)).sum()
     };
     let [least_m, most_m] = RANGE_M;
     let lengths = (0..COMPARED).map(|i| least_m * (most_m / least_m).powf(i as f64 / (COMPARED - 1) as f64));
@@ -48,6 +61,7 @@ mod tests {
             contact: Point::new(along_m, 0.0, 0.0),
             at: Around::new(along_m, 0.0, 0.0),
             error_n_m,
+            sd_n_m: Vector2::zeros(),
             noise_n2_m2: 0.0,
         }
     }
@@ -68,7 +82,7 @@ mod tests {
             };
             (0..80).map(line).collect()
         };
-        let [short_m, long_m] = [1.0, 2.0].map(|scale| length_m(&lines(scale)));
+        let [short_m, long_m] = [1.0, 2.0].map(|scale| length_m(&of_residuals(&lines(scale))));
         assert!((0.3e-3..3e-3).contains(&short_m), "{short_m}");
         assert!((1.6..2.5).contains(&(long_m / short_m)), "{long_m} {short_m}");
     }
@@ -76,7 +90,7 @@ mod tests {
     #[test]
     fn robust_single_contacts_have_the_default_length() {
         let line = || vec![residual(0.03, Vector2::new(1.0, 0.0))];
-        assert_eq!(length_m(&[line(), line()]), DEFAULT_M);
+        assert_eq!(length_m(&of_residuals(&[line(), line()])), DEFAULT_M);
         assert_eq!(length_m(&[]), DEFAULT_M);
     }
 }

@@ -1,4 +1,5 @@
-//! Error of a sensor model over its calibrated domain, as a covariance of the two bending moments.
+//! Error of a sensor model over its calibrated domain, in addition to that which the model predicts, as a covariance of both bending
+//! moments.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -15,8 +16,8 @@ const NODES: (usize, usize) = (4, 4);
 /// Weight of the region's mean at each node, in samples of an average node.
 const SHRINKAGE: f64 = 0.5;
 
-/// Covariance of the error on nodes spread evenly over the calibrated domain, along the whisker and away from it; linear in
-/// between.
+/// Covariance of the error in addition to [`SpatialModel::sd_n_m`](super::SpatialModel::sd_n_m), on nodes spread evenly over the
+/// calibrated domain, along the whisker and away from it; linear in between.
 ///
 /// Its axes turn with the direction of the contact about the whisker: the first is the moment that bends a straight whisker in
 /// this direction, the second the moment across it. A calibration has few lines in each direction, so that the covariance is
@@ -51,6 +52,8 @@ pub(super) struct Residual {
     pub(super) at: Around,
     /// Error of the bending moments about y and z.
     pub(super) error_n_m: Vector2<f64>,
+    /// Standard deviations that the model predicts at the contact, [`SpatialModel::sd_n_m`](super::SpatialModel::sd_n_m).
+    pub(super) sd_n_m: Vector2<f64>,
     /// Variance of each of them by the noise of the reference.
     pub(super) noise_n2_m2: f64,
 }
@@ -63,14 +66,18 @@ fn axes(at: Around) -> Matrix2<f64> {
 }
 
 impl SpatialErrorMap {
-    /// The map of residuals on held-out data. `least` is the smallest variance of each moment.
+    /// The map of residuals on held-out data. `least` is the smallest variance of each moment. The variances that the model predicts are
+    /// subtracted, since they are added to the map: at the contacts of the calibration, the sum is the error on held-out data, or the
+    /// predicted one if it is larger, and it varies elsewhere as the predicted variances do.
     pub(super) fn new(domain: &SpatialDomain, residuals: &[Residual], least: f64) -> Self {
         let (along, away) = NODES;
         let mut weights = vec![0.0; along * away];
         let mut sums = vec![Matrix2::zeros(); along * away];
         for residual in residuals {
-            let turned = axes(residual.at).transpose() * residual.error_n_m;
-            let square = turned * turned.transpose() - Matrix2::identity() * residual.noise_n2_m2;
+            let (axes, Residual { error_n_m, sd_n_m, noise_n2_m2, .. }) = (axes(residual.at), *residual);
+            let turned = axes.transpose() * error_n_m;
+            let predicted = axes.transpose() * Matrix2::from_diagonal(&sd_n_m.component_mul(&sd_n_m)) * axes;
+            let square = turned * turned.transpose() - Matrix2::identity() * noise_n2_m2 - predicted;
             for (node, weight) in corners(along, away, domain.shares(residual.at)) {
                 weights[node] += weight;
                 sums[node] += square * weight;
@@ -114,12 +121,8 @@ impl SpatialErrorMap {
             && self.correlation_m.is_none_or(|length_m| length_m.is_finite() && length_m > 0.0)
     }
 
-    /// Covariance of the errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2.
-    pub fn covariance_n2_m2(&self, domain: &SpatialDomain, at: Around) -> Matrix2<f64> {
-        self.covariance_at(at, domain.shares(at))
-    }
-
-    /// The same, given the position of the contact within the calibrated domain.
+    /// Covariance of these errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2, given its position within the
+    /// calibrated domain.
     pub(crate) fn covariance_at(&self, at: Around, shares: Shares) -> Matrix2<f64> {
         let mut covariance = Matrix2::zeros();
         for (node, weight) in corners(self.along, self.away, shares) {
@@ -156,19 +159,29 @@ mod tests {
                 let at = Around::new(0.045, away_m * azimuth.cos(), away_m * azimuth.sin());
                 let size = if i % 2 == 0 { 1.0 } else { -1.0 } * (1.0 + 2.0 * f64::from(j) / 40.0);
                 let error_n_m = axes(at).column(0) * size;
-                residuals.push(Residual { contact: Point::new(0.045, 0.0, 0.0), at, error_n_m, noise_n2_m2: 0.0 });
+                residuals.push(Residual {
+                    contact: Point::new(0.045, 0.0, 0.0),
+                    at,
+                    error_n_m,
+                    sd_n_m: Vector2::zeros(),
+                    noise_n2_m2: 0.0,
+                });
             }
         }
         residuals
+    }
+
+    fn covariance(map: &SpatialErrorMap, at: Around) -> Matrix2<f64> {
+        map.covariance_at(at, domain().shares(at))
     }
 
     #[test]
     fn verif_the_map_follows_the_residuals_and_turns_with_the_contact() {
         let map = SpatialErrorMap::new(&domain(), &residuals(), 1e-6);
         assert!(map.is_valid());
-        let near = map.covariance_n2_m2(&domain(), Around::new(0.045, 0.5e-3, 0.0));
-        let far = map.covariance_n2_m2(&domain(), Around::new(0.045, 4.5e-3, 0.0));
-        let above = map.covariance_n2_m2(&domain(), Around::new(0.045, 0.0, 4.5e-3));
+        let near = covariance(&map, Around::new(0.045, 0.5e-3, 0.0));
+        let far = covariance(&map, Around::new(0.045, 4.5e-3, 0.0));
+        let above = covariance(&map, Around::new(0.045, 0.0, 4.5e-3));
         assert!(far[(1, 1)] > 2.0 * near[(1, 1)] && far[(0, 0)] < 1e-3, "{far} {near}");
         assert!((above[(0, 0)] - far[(1, 1)]).abs() < 1e-9 && (above[(1, 1)] - far[(0, 0)]).abs() < 1e-9);
     }
@@ -177,8 +190,22 @@ mod tests {
     fn robust_an_error_below_the_noise_is_not_zero() {
         let noisy = residuals().into_iter().map(|residual| Residual { noise_n2_m2: 100.0, ..residual });
         let map = SpatialErrorMap::new(&domain(), &noisy.collect::<Vec<_>>(), 0.25);
-        let covariance = map.covariance_n2_m2(&domain(), Around::new(0.05, 1e-3, 1e-3));
+        let covariance = covariance(&map, Around::new(0.05, 1e-3, 1e-3));
         assert!((covariance - Matrix2::identity() * 0.25).norm() < 1e-9, "{covariance}");
+    }
+
+    #[test]
+    fn verif_the_map_holds_the_error_beyond_the_predicted_one() {
+        // To the left of the whisker, the first axis is the moment about z.
+        let (contact, at) = (Point::new(0.045, 2e-3, 0.0), Around::new(0.045, 2e-3, 0.0));
+        let variance = |predicted: f64| {
+            let (error_n_m, sd_n_m) = (Vector2::new(0.0, 1.0), Vector2::new(0.0, predicted));
+            let residual = Residual { contact, at, error_n_m, sd_n_m, noise_n2_m2: 0.0 };
+            covariance(&SpatialErrorMap::new(&domain(), &[residual], 1e-6), at)[(1, 1)]
+        };
+        for (predicted, expected) in [(0.0, 1.0), (0.6, 0.64), (1.2, 1e-6)] {
+            assert!((variance(predicted) - expected).abs() < 1e-12, "{predicted}");
+        }
     }
 
     #[test]

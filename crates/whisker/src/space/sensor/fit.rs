@@ -81,11 +81,15 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let neighbours = neighbours(&lines);
     let residuals_of = |(line, samples): (usize, &Vec<SpatialSample>)| {
         let predicted = (learnt.without)(line, &neighbours[line])?;
-        let residual = |(sample, predicted_n_m): (&SpatialSample, Vector2<f64>)| Residual {
-            contact: sample.contact,
-            at: Around::of(&axis, sample.contact),
-            error_n_m: predicted_n_m - sample.reference_n_m,
-            noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
+        let residual = |(sample, predicted_n_m): (&SpatialSample, Vector2<f64>)| {
+            let at = Around::of(&axis, sample.contact);
+            Residual {
+                contact: sample.contact,
+                at,
+                error_n_m: predicted_n_m - sample.reference_n_m,
+                sd_n_m: learnt.model.sd_n_m(domain.clamp(at)),
+                noise_n2_m2: data.reference_noise_sd_n_m.powi(2) / sample.count,
+            }
         };
         Ok(samples.iter().zip(predicted).map(residual).collect())
     };
@@ -99,7 +103,8 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let mean_square = residuals.iter().map(|residual| residual.error_n_m.norm_squared()).sum::<f64>() / (2.0 * count);
     let mut error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
     if data.real_sensor {
-        error = error.with_correlation(correlation::length_m(&by_line));
+        let correlations = learnt.correlations.unwrap_or_else(|| correlation::of_residuals(&by_line));
+        error = error.with_correlation(correlation::length_m(&correlations));
     }
     let calibrated = CalibratedSpace {
         whisker: data.whisker.clone(),

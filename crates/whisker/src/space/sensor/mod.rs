@@ -32,11 +32,12 @@ use serde_json::Value;
 
 use crate::frames::Base;
 use crate::rod::{Rod, Suspension};
-use crate::sensor::ModelError;
+use crate::sensor::{ModelError, Shares};
 use crate::space::frames::{Point, Pose};
 use crate::{Invalid, Whisker};
 
 pub use coordinates::{Across, Around, Axis};
+pub use correlation::Correlation;
 pub use domain::SpatialDomain;
 pub use error::SpatialErrorMap;
 pub(crate) use error::exponential;
@@ -135,6 +136,14 @@ pub trait SpatialModel: Debug + Send + Sync {
         (reading_n_m, gradient_n * jacobian)
     }
 
+    /// Standard deviations of the bending moments about y and z of Base about the expected ones (N m), 2x1, as predicted by the model for
+    /// a contact within the calibrated domain. They include errors that differ from reading to reading as those of the calibration do,
+    /// but not the measurement noise of other recordings; both moments are independent. By default 0: [`SpatialErrorMap`] then contains
+    /// the whole error.
+    fn sd_n_m(&self, _: Around) -> Vector2<f64> {
+        Vector2::zeros()
+    }
+
     /// The stored model, which the registry's `load` restores.
     fn to_json(&self) -> Value;
 }
@@ -157,6 +166,9 @@ pub struct FittedSpatialModel {
     pub model: Box<dyn SpatialModel>,
     /// Predictions on held-out lines.
     pub without: Without,
+    /// Correlations of the errors at pairs of contacts of one touch, as predicted by the model. `None` if the model predicts none; those
+    /// of the errors on held-out lines are then used.
+    pub correlations: Option<Vec<Correlation>>,
 }
 
 /// Fits a model with settings to the lines of a calibration.
@@ -242,7 +254,7 @@ pub struct CalibratedSpace {
     pub label: String,
     /// The formula.
     pub model: Arc<dyn SpatialModel>,
-    /// Error of the formula over the region.
+    /// Error of the formula over the region, in addition to [`SpatialModel::sd_n_m`].
     pub error: SpatialErrorMap,
     /// Root mean square residual of a moment on held-out lines.
     pub heldout_rms_n_m: f64,
@@ -308,7 +320,14 @@ impl CalibratedSpace {
     /// Covariance of the true readings about the expected ones, without measurement noise (N2 m2), 2x2. Outside the calibrated
     /// domain, that at its border.
     pub fn model_covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
-        self.error.covariance_n2_m2(&self.domain, at)
+        let (held, shares) = self.domain.held(at);
+        self.held_covariance_n2_m2(held, shares)
+    }
+
+    /// The same for a contact within the calibrated domain, given its position in it.
+    pub(crate) fn held_covariance_n2_m2(&self, held: Around, shares: Shares) -> Matrix2<f64> {
+        let sd_n_m = self.model.sd_n_m(held);
+        self.error.covariance_at(held, shares) + Matrix2::from_diagonal(&sd_n_m.component_mul(&sd_n_m))
     }
 
     /// Unit normal of the touched surface in Base, by the mechanics of the whisker. Without them, the direction in which the

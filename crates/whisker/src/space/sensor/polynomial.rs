@@ -181,7 +181,7 @@ pub(super) fn fit(
         let learnt = fitted(&frame, &training)?;
         Ok(lines[line].iter().map(|sample| learnt.predict(sample.contact).reading_n_m).collect())
     };
-    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without) })
+    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without), correlations: None })
 }
 
 pub(super) fn load(_: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {

@@ -432,7 +432,7 @@ pub(super) fn fit(
     let lines = lines.to_vec();
     let without =
         move |line: usize, heldout: &[usize]| linearised.without(&lines, line, heldout).ok_or_else(no_solution);
-    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without) })
+    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without), correlations: None })
 }
 
 fn solved(calibration: &Calibration<'_>, start: DVector<f64>) -> Result<Evaluated, ModelError> {

@@ -367,7 +367,11 @@ pub(super) fn fit(
         let coefficients_n_m = without(others).coefficients(&penalty).ok_or_else(&undetermined)?;
         Ok(lines[line].iter().map(|row| row.predict(&coefficients_n_m)).collect())
     };
-    Ok(FittedSpatialModel { model: Box::new(Spline { axis, stored }), without: Box::new(predictions) })
+    Ok(FittedSpatialModel {
+        model: Box::new(Spline { axis, stored }),
+        without: Box::new(predictions),
+        correlations: None,
+    })
 }
 
 pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {

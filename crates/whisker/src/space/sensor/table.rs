@@ -12,7 +12,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{Around, SpatialDomain};
 
-/// Nodes along the whisker and across.
+/// Nodes along the whisker and across. Stored calibrations depend on them, on the margin and on the exponents (`log_sds` of a Gaussian
+/// process).
 const NODES: [usize; 3] = [19, 13, 13];
 
 /// Numbers that are computed together.
@@ -84,6 +85,13 @@ impl Grid {
         let extent_m = self.extent_m(along_m).0;
         Around::new(along_m, across(1) * extent_m, across(2) * extent_m)
     }
+
+    /// Coordinates of all nodes, ascending along the whisker, then to the left, then upwards.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = Around> {
+        let [along, columns, depth] = NODES;
+        let indices = (0..along).flat_map(move |i| (0..columns).flat_map(move |j| (0..depth).map(move |k| [i, j, k])));
+        indices.map(|index| self.node(index))
+    }
 }
 
 /// Order in which the nodes across the whisker are computed: from the middle outwards, so that each has a computed neighbour
@@ -120,6 +128,11 @@ impl<const C: usize> Table<C> {
             along = states[columns / 2 * depth + depth / 2];
         }
         Some(Self { grid, nodes })
+    }
+
+    /// The table with these values at [`Grid::nodes`]. `None` if there is not one value per node.
+    pub(crate) fn of_nodes(grid: Grid, nodes: Vec<[f64; C]>) -> Option<Self> {
+        (nodes.len() == NODES.iter().product::<usize>()).then_some(Self { grid, nodes })
     }
 
     /// The function at a contact.
@@ -230,6 +243,18 @@ mod tests {
             Table::new(Grid::new(&domain), |at, _: Option<()>| Some((Vector2::new(at.along_m, 1.0), ()))).unwrap();
         let [near, nearer] = [2e-3, 1e-3].map(|along_m| table.look(Around::new(along_m, 1e-3, 0.0)));
         assert!((near.values - nearer.values).norm() < 1e-15 && near.slopes.column(0).norm() == 0.0, "{}", near.slopes);
+    }
+
+    #[test]
+    fn verif_nodes_are_in_the_order_of_a_table() {
+        let domain =
+            SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![2e-3; 8], across: Across::Normal };
+        let value = |at: Around| Vector2::new(at.along_m + 10.0 * at.left_m, 100.0 * at.up_m);
+        let grid = Grid::new(&domain);
+        let computed = Table::new(grid, |at, _: Option<()>| Some((value(at), ())));
+        let listed = Table::of_nodes(grid, grid.nodes().map(|at| value(at).into()).collect());
+        assert!(computed.is_some() && computed == listed);
+        assert_eq!(Table::<2>::of_nodes(grid, Vec::new()), None);
     }
 
     #[test]

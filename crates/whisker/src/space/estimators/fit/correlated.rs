@@ -12,9 +12,10 @@ use crate::frames::Start;
 use crate::space::frames::Point;
 use crate::space::sensor::exponential;
 
-/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error. The contacts of a
-/// calibration are millimetres apart and do not determine changes over shorter distances, such as those by stick-slip.
-const LEAST_CHANGE: f64 = 0.5;
+/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error: a change has at least
+/// half of its variance. The contacts of a calibration are millimetres apart and do not determine changes over shorter distances, such as those by
+/// stick-slip.
+const LEAST_CHANGE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Mean of readings, normalised by its covariance, whose error is correlated with that of the next mean.
 #[derive(Clone, Copy, Debug)]
@@ -68,7 +69,7 @@ mod tests {
     #[test]
     fn verif_changes_of_correlated_errors_are_those_of_their_joint_covariance() {
         const LENGTH_M: f64 = 5e-3;
-        let places = [0.0, 1e-3, 4e-3, 12e-3].map(|x_m| Point::<Start>::new(x_m, 0.0, 0.0));
+        let places = [0.0, 2e-3, 5e-3, 12e-3].map(|x_m| Point::<Start>::new(x_m, 0.0, 0.0));
         let covariance = Matrix2::new(2.0, 0.5, 0.5, 1.0);
         let residuals = [[0.3, -0.2], [0.5, 0.4], [-0.7, 0.1], [0.2, 0.9]].map(Vector2::from);
         let slopes =
@@ -89,5 +90,15 @@ mod tests {
         let factor = joint.cholesky().unwrap();
         assert!((cost - residual.dot(&factor.solve(&residual))).abs() < 1e-9);
         assert!((curvature - jacobian.tr_mul(&factor.solve(&jacobian))).norm() < 1e-9);
+    }
+
+    #[test]
+    fn verif_the_change_of_an_error_at_the_same_place_has_half_of_its_variance() {
+        let link = |error: f64| {
+            let row = (Vector2::new(error, 0.0), SMatrix::<f64, 2, 3>::zeros(), Matrix2x4::zeros());
+            Link::new(&Matrix2::identity().cholesky().unwrap(), row, Point::new(0.0, 0.0, 0.0), 1.0)
+        };
+        let (change, ..) = link(3.0).change_from(Some(&link(1.0)), 5e-3);
+        assert!((change.norm_squared() - 2.0 * 2.0_f64.powi(2)).abs() < 1e-12, "{change}");
     }
 }

@@ -5,8 +5,9 @@
 //! without this term, they would distort the smooth map. Correlation lengths and standard deviations are those that predict
 //! held-out lines best, and samples that contradict all others are left out. Nothing is assumed about the mechanics of the whisker.
 //!
-//! The expected reading is a sum over all samples. It is tabulated over the calibrated domain, so that a prediction takes the same
-//! time for any number of samples.
+//! The expected reading is a sum over all samples, and the variance of its error one over all pairs of samples. Readings and standard
+//! deviations are tabulated over the calibrated domain, so that a prediction takes the same time for any number of samples. The
+//! standard deviation is small near the samples and grows with the distance from them.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -28,9 +29,11 @@ use nalgebra::{Matrix2x3, Vector2};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::table::{Grid, Table};
 use super::tabulated::Tabulated;
 use super::{
-    Around, Axis, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion, SpatialSample,
+    Around, Axis, Correlation, FittedSpatialModel, SpatialLoaded, SpatialModel, SpatialPrediction, SpatialRegion,
+    SpatialSample,
 };
 use crate::frames::Base;
 use crate::sensor::ModelError;
@@ -49,6 +52,15 @@ pub const LEAST_SAMPLES: usize = 100;
 
 /// Largest number of samples that can be configured and stored: the fit keeps a few square matrices of this size.
 const MOST_SAMPLES: usize = 10_000;
+
+/// Number of contacts whose covariances are computed together.
+const TOGETHER: usize = 32;
+
+/// Steps of the stored logarithms of standard deviations, per unit.
+const STEPS: f64 = 1000.0;
+
+/// Largest absolute value of such a logarithm in a stored model.
+const MOST_LOG_SD: f64 = 50.0;
 
 /// Settings of the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,30 +85,53 @@ struct Stored {
     /// Largest absolute reading of a channel among the samples, by which the readings of `mean` are divided.
     largest_reading_n_m: f64,
     mean: Mean,
+    /// Natural logarithms of the predicted standard deviations of both moments, relative to the largest reading, at the nodes of the
+    /// table ([`Grid::nodes`]).
+    log_sds: Vec<[f64; 2]>,
 }
 
 impl Stored {
+    fn new(region: &SpatialRegion<'_>, process: &Process) -> Self {
+        let (axis, predictor) = (region.domain.axis(&region.whisker.whisker), process.predictor());
+        let largest_reading_n_m = process.largest_reading;
+        let place = |at: Around| {
+            let contact_m = at.contact(&axis).vector();
+            let reading_n_m = predictor.predict(&contact_m).0;
+            Place { contact_m, load: reading_n_m.norm() / largest_reading_n_m }
+        };
+        let places: Vec<Place> = Grid::new(region.domain).nodes().map(place).collect();
+        let log_sd = |sd_n_m: f64| ((sd_n_m / largest_reading_n_m).ln() * STEPS).round() / STEPS;
+        let log_sds = sds_n_m(&predictor, &places).into_iter().map(|sd_n_m| sd_n_m.map(log_sd).into()).collect();
+        Self { kind: KIND.into(), largest_reading_n_m, mean: process.mean(), log_sds }
+    }
+
     /// Expected bending moments at a contact (N m), 2x1.
     fn reading_n_m(&self, contact: Point<Base>) -> Vector2<f64> {
         self.mean.at(&contact.vector()).0 * self.largest_reading_n_m
     }
 }
 
-/// A fitted process, its expected readings tabulated.
+/// A fitted process, with its expected readings and their standard deviations tabulated.
 struct GaussianProcess {
     stored: Stored,
     tabulated: Tabulated,
+    log_sds: Table<2>,
+    /// Smallest and largest of them.
+    range: [Vector2<f64>; 2],
 }
 
 impl GaussianProcess {
-    /// `None` if a reading is not finite.
+    /// `None` if a reading is not finite, or if there is not one pair of standard deviations for each node of the table.
     fn new(region: &SpatialRegion<'_>, stored: Stored) -> Option<Self> {
         let reading = |contact, _: Option<()>| {
             let reading_n_m = stored.reading_n_m(contact);
             reading_n_m.iter().all(|moment_n_m| moment_n_m.is_finite()).then_some((reading_n_m, ()))
         };
         let tabulated = Tabulated::new(region, reading)?;
-        Some(Self { stored, tabulated })
+        let nodes = stored.log_sds.iter().copied().map(Vector2::from);
+        let range = [nodes.clone().reduce(|a, b| a.inf(&b))?, nodes.reduce(|a, b| a.sup(&b))?];
+        let log_sds = Table::of_nodes(Grid::new(region.domain), stored.log_sds.clone())?;
+        Some(Self { stored, tabulated, log_sds, range })
     }
 }
 
@@ -117,6 +152,12 @@ impl SpatialModel for GaussianProcess {
 
     fn predict_around(&self, _: &Axis, at: Around) -> (Vector2<f64>, Matrix2x3<f64>) {
         self.tabulated.predict_around(at)
+    }
+
+    fn sd_n_m(&self, at: Around) -> Vector2<f64> {
+        // Between the nodes, the cubic polynomials may exceed their range.
+        let [least, most] = &self.range;
+        self.log_sds.look(at).values.sup(least).inf(most).map(f64::exp) * self.stored.largest_reading_n_m
     }
 
     fn to_json(&self) -> Value {
@@ -165,6 +206,41 @@ pub(super) fn contradicted(lines: &[Vec<SpatialSample>]) -> Vec<usize> {
     found.unwrap_or_default().into_iter().map(|i| indices[i]).collect()
 }
 
+/// Predicted standard deviations of both moments at contacts (N m), 2x1 each: of the map, the error of a line, and the noise.
+fn sds_n_m(predictor: &Predictor<'_>, places: &[Place]) -> Vec<Vector2<f64>> {
+    let Process { kernels, largest_reading, .. } = predictor.process;
+    let of_part = |part: &[Place]| {
+        let covariances = [0, 1].map(|channel| predictor.covariance(channel, part));
+        let sd_n_m = |i: usize| {
+            // Rounding may make the variance of the map negative.
+            let least = |channel: usize| kernels[channel].noise_variance(part[i].load) * largest_reading.powi(2);
+            Vector2::from_fn(|channel, _| covariances[channel][(i, i)].max(least(channel)).sqrt())
+        };
+        (0..part.len()).map(sd_n_m).collect::<Vec<_>>()
+    };
+    places.chunks(TOGETHER).flat_map(of_part).collect()
+}
+
+/// Predicted correlations of the errors of a new touch at pairs of contacts of each line. The noise, which differs from contact to
+/// contact, reduces them.
+fn correlations(process: &Process, lines: &[Vec<SpatialSample>]) -> Vec<Correlation> {
+    let predictor = process.predictor();
+    let place = |sample: &SpatialSample| Place {
+        contact_m: sample.contact.vector(),
+        load: sample.reading_n_m.norm() / process.largest_reading,
+    };
+    let of_line = |line: &Vec<SpatialSample>| {
+        let places: Vec<Place> = line.iter().map(place).collect();
+        let covariance = predictor.covariance(0, &places) + predictor.covariance(1, &places);
+        let pair = |(i, j): (usize, usize)| Correlation {
+            distance_m: (places[i].contact_m - places[j].contact_m).norm(),
+            value: 2.0 * covariance[(i, j)] / (covariance[(i, i)] + covariance[(j, j)]),
+        };
+        (0..places.len()).flat_map(|i| (0..i).map(move |j| (i, j))).map(pair).collect::<Vec<_>>()
+    };
+    lines.iter().flat_map(of_line).collect()
+}
+
 fn singular() -> ModelError {
     ModelError::Data("the calibration's places do not determine a Gaussian process: its covariance is singular".into())
 }
@@ -195,19 +271,25 @@ pub(super) fn fit(
     }
     let kernels = selected(&samples).ok_or_else(singular)?;
     let (process, _) = Process::robust(&samples, kernels).ok_or_else(singular)?;
-    let stored = Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() };
-    let model = GaussianProcess::new(region, stored).ok_or_else(singular)?;
-    let lines = lines.to_vec();
+    let model = GaussianProcess::new(region, Stored::new(region, &process)).ok_or_else(singular)?;
+    let (correlations, lines) = (Some(correlations(&process, lines)), lines.to_vec());
     let without = move |line: usize, heldout: &[usize]| {
         let predictor = process.without(heldout).ok_or_else(singular)?;
         Ok(lines[line].iter().map(|sample| predictor.predict(&sample.contact.vector()).0).collect())
     };
-    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without) })
+    Ok(FittedSpatialModel { model: Box::new(model), without: Box::new(without), correlations })
 }
 
 pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
     let stored: Stored = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     stored.mean.check().map_err(|reason| ModelError::Data(format!("`mean`: {reason}")))?;
+    let (found, expected) = (stored.log_sds.len(), Grid::new(region.domain).nodes().count());
+    if found != expected {
+        return Err(ModelError::Data(format!("`log_sds`: found {found} pairs of numbers, expected {expected}")));
+    }
+    if let Some(found) = stored.log_sds.iter().flatten().find(|log_sd| log_sd.abs() > MOST_LOG_SD) {
+        return Err(ModelError::Data(format!("`log_sds`: found {found}, expected -{MOST_LOG_SD} to {MOST_LOG_SD}")));
+    }
     let largest_n_m = stored.largest_reading_n_m;
     if !(largest_n_m.is_finite() && largest_n_m > 0.0) {
         return Err(ModelError::Data(format!(
@@ -261,8 +343,8 @@ mod tests {
     }
 
     fn stored() -> Stored {
-        let process = process();
-        Stored { kind: KIND.into(), largest_reading_n_m: process.largest_reading, mean: process.mean() }
+        let (whisker, domain) = (whisker(), domain());
+        Stored::new(&SpatialRegion { whisker: &whisker, domain: &domain }, &process())
     }
 
     #[test]
@@ -281,6 +363,43 @@ mod tests {
             assert!(error < 1e-4, "{at:?}: {error}");
             let error = (found.gradient_n - gradient_n).norm() / gradient_n.norm();
             assert!(error < 5e-3, "{at:?}: {error}");
+            let place = Place { contact_m: contact.vector(), load: reading_n_m.norm() / process.largest_reading };
+            let sd_n_m = sds_n_m(&process.predictor(), &[place])[0];
+            let ratio = model.sd_n_m(at).component_div(&sd_n_m);
+            assert!(ratio.iter().all(|ratio| (0.9..1.1).contains(ratio)), "{at:?}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn verif_the_standard_deviation_grows_where_the_calibration_has_no_contacts() {
+        let (whisker, domain, lines) = (whisker(), domain(), lines());
+        let region = SpatialRegion { whisker: &whisker, domain: &domain };
+        let sd_n_m = |lines: &[Vec<SpatialSample>], at: Around| {
+            let process = Process::new(&thinned(lines, 1000), [Kernel::START; 2]).unwrap();
+            let model = GaussianProcess::new(&region, Stored::new(&region, &process)).unwrap();
+            model.sd_n_m(at) / process.largest_reading
+        };
+        // Without the lines to the left, of which there are eight in each node along the whisker.
+        let others: Vec<Vec<SpatialSample>> = lines
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| !matches!(i % 8, 0 | 1 | 7))
+            .map(|(_, line)| line.clone())
+            .collect();
+        let (left, right) = (Around::new(0.047, 4e-3, 0.0), Around::new(0.047, -4e-3, 0.0));
+        let ratio = |at: Around| sd_n_m(&others, at).component_div(&sd_n_m(&lines, at));
+        assert!(ratio(left).min() > 2.0, "{}", ratio(left));
+        assert!((0.8..1.3).contains(&ratio(right).min()), "{}", ratio(right));
+    }
+
+    #[test]
+    fn verif_the_correlations_are_those_of_a_line_where_the_map_is_known() {
+        let certain = Kernel { map_sd: 1e-9, line: [2e-3, 0.0], noise: [1e-9, 0.0], ..Kernel::START };
+        let process = Process::new(&thinned(&lines(), 1000), [certain; 2]).unwrap();
+        let found = correlations(&process, &lines()[..3]);
+        assert_eq!(found.len(), 3 * 15);
+        for Correlation { distance_m, value } in found {
+            assert!((value - certain.along(distance_m)).abs() < 1e-6, "{distance_m}: {value}");
         }
     }
 
@@ -325,6 +444,8 @@ mod tests {
         assert!(load(&region, &whole).is_ok());
         let mut shortened = stored();
         shortened.mean.weights[1].pop();
+        let mut without_last = stored();
+        without_last.log_sds.pop();
         let damaged = |pointer: &str, value: f64| {
             let mut damaged = whole.clone();
             *damaged.pointer_mut(pointer).unwrap() = json!(value);
@@ -342,6 +463,8 @@ mod tests {
             ),
             (damaged("/mean/trend/scale_m/2", -1.0), "-1.0], expected finite ones, the scales positive"),
             (damaged("/mean/kernels/0/map_sd", 1e200), "`mean`: found numbers whose readings are not finite"),
+            (serde_json::to_value(without_last).unwrap(), "`log_sds`: found 3210 pairs of numbers, expected 3211"),
+            (damaged("/log_sds/17/1", 400.0), "`log_sds`: found 400, expected -50 to 50"),
         ];
         for (value, expected) in cases {
             let reason = load(&region, &value).err().unwrap().to_string();
