@@ -58,6 +58,14 @@ def test_robust_a_damaged_trace_is_refused_with_line_and_column(tmp_path):
         wc.Trace.read(tmp_path / "absent.csv")
 
 
+@pytest.mark.parametrize("name", ["absent", "absent.json", "absent.csv"])
+def test_robust_an_absent_dataset_is_an_error_of_the_operating_system(tmp_path, name):
+    with pytest.raises(FileNotFoundError, match=rf"{name}: no such file or folder, expected a suite \(\.json\) or a folder"):
+        wc.Dataset(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=rf"{name}: no such file or folder"):
+        wc.Dataset(str(tmp_path / name))
+
+
 def test_verif_a_simulated_sweep_is_consistent_with_the_elastica(whisker, simulated):
     truth = simulated.truth
     touching = truth["touching"] == 1

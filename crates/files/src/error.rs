@@ -1,5 +1,6 @@
 //! Errors of files: path, place, value found and value expected.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use strict_json::{one_line, reason, shown};
@@ -9,16 +10,24 @@ fn at(path: &Path) -> String {
     one_line(&path.display().to_string())
 }
 
+/// Words of an error of the operating system, which for a folder do not say what was expected.
+fn of_system(reason: &io::Error) -> String {
+    match reason.kind() {
+        io::ErrorKind::IsADirectory => "found a folder, expected a file".into(),
+        _ => reason.to_string(),
+    }
+}
+
 /// Failure to read or write a file.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system reported an error.
-    #[error("{}: {reason}", at(path))]
+    #[error("{}: {}", at(path), of_system(reason))]
     Io {
         /// The file.
         path: PathBuf,
         /// Error of the operating system.
-        reason: std::io::Error,
+        reason: io::Error,
     },
     /// A cell or a row of a table is invalid.
     #[error("{}:{line}: {}: found {}, expected {}", at(path), shown(place), shown(found), shown(expected))]
@@ -74,7 +83,7 @@ pub enum Error {
 
 impl Error {
     /// Wraps an error of the operating system on this file.
-    pub fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub fn io(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
         move |reason| Self::Io { path: path.into(), reason }
     }
 

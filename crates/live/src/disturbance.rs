@@ -3,6 +3,7 @@
 use anyhow::bail;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use strict_json::shown_number;
 
 /// Disturbances of the messages of one stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -28,7 +29,7 @@ impl Disturbance {
             [("lost", self.lost, 1.0), ("jitter", self.jitter_s, MOST_S), ("swapped", self.swapped, 1.0)]
         {
             if !(0.0..=most).contains(&value) {
-                bail!("{name}: found {value}, expected 0 to {most}");
+                bail!("{name}: found {}, expected 0 to {most}", shown_number(value));
             }
         }
         Ok(())

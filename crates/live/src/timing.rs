@@ -2,6 +2,7 @@
 
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
+use strict_json::shown_number;
 
 /// Longest waits and gaps (s).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,7 +45,7 @@ impl Timing {
         let values = [("wait", self.wait_s), ("reorder", self.reorder_s), ("gap", self.gap_s), ("jump", self.jump_s)];
         for (name, value) in values {
             if !(0.0..=MOST_S).contains(&value) {
-                bail!("{name}: found {value} s, expected 0 to {MOST_S} s");
+                bail!("{name}: found {} s, expected 0 to {MOST_S} s", shown_number(value));
             }
         }
         Ok(())

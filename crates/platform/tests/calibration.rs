@@ -586,6 +586,7 @@ fn robust_incompatible_recordings_are_an_error() {
     assert!(
         matches!(&error, GatherError::Recordings(Error::Short { log, found: 1, .. }) if log.ends_with("short.csv"))
     );
+    assert!(error.to_string().contains("short.csv: samples: found 1, expected at least"), "{error}");
 }
 
 /// Folder with real recordings (`openwhisker/`, `ratatouille/`), if the variable is set.

@@ -3,7 +3,7 @@
 //! `serde_json` accepts two inputs that are almost always mistakes: an object with a duplicate key, of which it keeps
 //! the last value, and a list where a struct is expected, whose items it assigns to the fields in declaration order.
 //! [`parse_json`] rejects both with their place. [`reason`] states an error of the parser in terms of JSON. [`one_line`] and
-//! [`shown`] quote untrusted text in messages.
+//! [`shown`] quote untrusted text in messages, [`shown_number`] numbers.
 //!
 //! In the following example, a struct is parsed from an object; a list and a duplicate key are rejected:
 //!
@@ -32,5 +32,5 @@ mod reason;
 
 pub use lists::list_for_object;
 pub use parse::parse_json;
-pub use quote::{one_line, shown};
+pub use quote::{one_line, shown, shown_number};
 pub use reason::reason;

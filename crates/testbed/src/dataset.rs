@@ -1,7 +1,7 @@
 //! Datasets: the traces that a command processes.
 
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use anyhow::{Context, anyhow, bail};
 use files::{is_of_kind, read_json};
@@ -42,11 +42,13 @@ impl Dataset {
             }
             return Self::of_folder(input);
         }
+        if !input.try_exists().with_context(|| input.display().to_string())? {
+            let absent =
+                format!("{}: no such file or folder, expected a suite (.json) or a folder of traces", input.display());
+            return Err(io::Error::new(io::ErrorKind::NotFound, absent).into());
+        }
         if input.extension().is_some_and(|extension| extension == "csv") {
             bail!("{}: is one file, expected a suite (.json) or a folder of traces", input.display());
-        }
-        if !input.exists() {
-            bail!("{}: no such file or folder, expected a suite (.json) or a folder of traces", input.display());
         }
         let keys: Value = read_json(input)?;
         if keys.get("scenes").is_none() && keys.get("random").is_none() {
@@ -371,4 +373,22 @@ fn traces(folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
     }
     let whiskers = ArraySidecar::read(&path)?.whiskers;
     Ok(whiskers.iter().map(|whisker| folder.join(format!("{}.csv", whisker.trace))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_an_absent_dataset_is_an_error_of_the_operating_system() {
+        for name in ["absent", "absent.json", "absent.csv"] {
+            let error = Dataset::open(Path::new(name), None).unwrap_err();
+            let kind = error.downcast_ref::<io::Error>().map(io::Error::kind);
+            assert_eq!(kind, Some(io::ErrorKind::NotFound), "{error}");
+            assert!(
+                error.to_string().starts_with(&format!("{name}: no such file or folder, expected a suite")),
+                "{error}"
+            );
+        }
+    }
 }

@@ -11,6 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
+use strict_json::shown_number;
 use trace::{ArrayRecording, JOINTS, JointInstant, PoseMatrix, Recording};
 use whisker::estimators::BaseNoise;
 
@@ -34,7 +35,7 @@ impl Encoders {
     pub fn validate(&self) -> anyhow::Result<()> {
         for (key, value) in [("resolution_rad", self.resolution_rad), ("noise_rad", self.noise_rad)] {
             if !(0.0..=0.1).contains(&value) {
-                bail!("encoders: {key}: found {value}, expected 0 to 0.1");
+                bail!("encoders: {key}: found {}, expected 0 to 0.1", shown_number(value));
             }
         }
         Ok(())

@@ -20,6 +20,7 @@ use whisker::frames::Pose;
 use whisker::sensor::{CalibratedFace, Face};
 
 use crate::seeds::derived_seed;
+use crate::settings::SettingsOf;
 
 /// Samples of a robot: base motions from the recorded poses and readings from the front end.
 pub fn samples(recording: &Recording, readings_n_m: &[f64]) -> Vec<Sample> {
@@ -86,7 +87,7 @@ pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m:
 /// # Errors
 /// If its settings are invalid.
 pub fn method(row: &EstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> anyhow::Result<Box<dyn Method>> {
-    (row.build)(config, knowledge).with_context(|| format!("settings of `{}`", row.name))
+    (row.build)(config, knowledge).with_context(|| SettingsOf(row.name.into()))
 }
 
 /// Builds the runner of a registered estimator, with a random seed derived from the trace and the seed.

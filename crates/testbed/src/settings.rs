@@ -1,8 +1,21 @@
 //! Settings over their defaults, by name.
 
+use std::fmt;
+
 use anyhow::bail;
 use serde_json::Value;
 use whisker::estimators::with_defaults;
+
+/// Context of an error in the settings of an estimator, of the contact detection or of the map: their name. Commands recognise by it
+/// an error that belongs to the file of the settings.
+#[derive(Clone, Debug)]
+pub struct SettingsOf(pub String);
+
+impl fmt::Display for SettingsOf {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "settings of `{}`", self.0)
+    }
+}
 
 /// Settings merged with their defaults ([`with_defaults`]).
 ///

@@ -589,5 +589,5 @@ fn seconds(time_ns: u64) -> f64 {
 }
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
-    fs::read(path).with_context(|| path.display().to_string())
+    Ok(fs::read(path).map_err(files::Error::io(path))?)
 }

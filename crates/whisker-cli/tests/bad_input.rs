@@ -260,11 +260,34 @@ fn robust_an_output_folder_that_is_a_file() {
 }
 
 #[test]
+fn robust_a_folder_instead_of_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let [given, out] = ["given", "out"].map(|name| folder.path().join(name));
+    fs::create_dir(&given).unwrap();
+    let (given, out) = (given.to_str().unwrap(), out.to_str().unwrap());
+    let words = format!("{given}: found a folder, expected a file");
+    fails(&["evaluate", "datasets/golden", "--results", out, "--config", given], &[&words]);
+    fails(&["bag", "export", "datasets/golden/golden_pin.csv", "--out", out, "--estimates", given], &[&words]);
+}
+
+#[test]
+fn robust_further_sensors_need_a_front_end_with_sensors() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let words = ["--sensors: found with the front end `white`", "expected with one that has", "--front-end hall"];
+    fails(&["fit", "datasets/golden", "--out", out, "--sensors", "left/left_1"], &words);
+}
+
+#[test]
 fn robust_a_json_file_of_no_known_kind() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("settings.json");
     fs::write(&file, r#"{"ekf": {"fading": 1.0}}"#).unwrap();
     fails(&["check", file.to_str().unwrap()], &["settings.json: found none of the keys", "suite or scene"]);
+    let kinds = "expected that of a trace, recording, calibration or run, or a suite or scene, which states no kind";
+    for (other, kind) in [("rigs/openwhisker.json", "platform_rig"), ("examples/own-data/import.json", "import")] {
+        fails(&["check", other], &[other, &format!("kind: found `{kind}`, {kinds}")]);
+    }
 }
 
 #[test]

@@ -187,6 +187,44 @@ fn verif_shares_of_several_processes_make_one_run() {
 }
 
 #[test]
+fn robust_an_error_in_a_file_of_settings_names_the_file() {
+    let home = tempfile::tempdir().unwrap();
+    let [traces, results] = ["traces", "results"].map(|name| home.path().join(name));
+    dataset(&traces);
+    let file = home.path().join("wrong.json");
+    let path = file.to_str().unwrap();
+    let refused = |command: &mut Command, place: &str, expected: &str| {
+        let output = command.output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        let whole = format!("error: {place}settings of {expected}");
+        assert!(text.lines().any(|line| line.starts_with(&whole)), "{text} is not {whole}");
+    };
+    let found = "`fading`: found 1e300, expected 1 to ";
+    let in_file = format!("{path}: ");
+    for (settings, expected) in [
+        (r#"{"ekf": {"fading": 1e300}}"#, format!("`ekf`: {found}")),
+        (r#"{"ekf": 3}"#, "`ekf`: settings: found 3, expected a JSON object".into()),
+        (r#"{"ekv": {}}"#, "`ekv`: found for no estimator of the run, expected one of: ekf".into()),
+        (r#"{"map": {"cell_m": 1}}"#, "`map`: cell_m: found 1, expected 0.0002 to 0.02".into()),
+        (r#"{"touch": {"detector": "band-pass", "noise_sds": -1}}"#, "`touch`: `noise_sds`: found -1, expected".into()),
+    ] {
+        fs::write(&file, settings).unwrap();
+        refused(&mut evaluate(&traces, &results, &["--config", path]), &in_file, &expected);
+        refused(&mut evaluate(&traces, &results, &["--config", settings]), "", &expected);
+    }
+    let settings = r#"{"fading": 1e300}"#;
+    fs::write(&file, settings).unwrap();
+    let trace = traces.join("pin.csv");
+    let replay = ["replay", trace.to_str().unwrap(), "--estimator", "ekf", "--config"];
+    let live = ["live", "--recording", trace.to_str().unwrap(), "--estimator", "ekf", "--config"];
+    for command in [&replay[..], &live] {
+        refused(&mut whisker(&[command, &[path]].concat()), &in_file, &format!("`ekf`: {found}"));
+        refused(&mut whisker(&[command, &[settings]].concat()), "", &format!("`ekf`: {found}"));
+    }
+}
+
+#[test]
 fn robust_a_failed_item_does_not_affect_the_others() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     dataset(traces.path());

@@ -350,6 +350,36 @@ fn robust_bad_lines_are_named_with_line_and_column_counted_and_answered() {
     assert_same(&answers.iter().collect::<Vec<_>>(), &rows, "answers beside the refused lines");
 }
 
+#[test]
+fn robust_a_refused_first_line_states_that_later_lines_are_refused_too() {
+    let bench = Bench::new();
+    let calibration = bench.calibration();
+    let said = |calibrations: &[&str], input: &str| {
+        let options: Vec<_> = calibrations.iter().flat_map(|calibration| ["--calibration", calibration]).collect();
+        let output = fed_text(&[&["live", "--estimator", "ekf"], &options[..]].concat(), input);
+        let errors = text(&output.stderr).to_owned();
+        assert_eq!(output.status.code(), Some(3), "{errors}");
+        (errors, parsed(&output.stdout).iter().filter(|answer| answer["status"] == "refused").count())
+    };
+    let wrong = r#"{"protocol": 1, "rate_hz": "x", "noise_sd_n_m": 1e-7}"#;
+    let reading = r#"{"t_s": 0, "reading_n_m": 0}"#;
+    let (errors, refused) = said(&[&calibration], &format!("{wrong}\n{reading}\n{reading}\n"));
+    assert!(errors.starts_with("error: stdin: line 1, column "), "{errors}");
+    assert!(
+        errors.contains("the line is left out, and so is every reading and pose before a valid first line"),
+        "{errors}"
+    );
+    assert_eq!(refused, 3, "{errors}");
+    // A whisker whose first line is valid is not affected.
+    let first = r#"{"name": "left", "protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#;
+    let both = ["left", "right"].map(|name| format!("{name}={calibration}"));
+    let (errors, _) = said(&[&both[0], &both[1]], &format!("{first}\n{wrong}\n"));
+    assert!(errors.contains("every reading and pose of right before a valid first line of that whisker"), "{errors}");
+    let valid = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#;
+    let (errors, _) = said(&[&calibration], &format!("{valid}\n{wrong}\n"));
+    assert!(errors.contains("; the line is left out (further"), "{errors}");
+}
+
 /// Asserts that the command ends with one error that contains these words.
 fn fails(arguments: &[&str], input: &str, words: &[&str]) {
     let output = fed_text(arguments, input);

@@ -137,6 +137,10 @@ fn robust_a_table_of_estimates_goes_with_the_kind_of_its_trace() {
     fs::write(&spatial, csv_bytes(&[SpatialEstimateRow::default()]).unwrap()).unwrap();
     let message = export_trace(&golden().join("golden_pin.csv"), Some(&spatial), &home.path().join("b")).unwrap_err();
     assert!(format!("{message:#}").contains("spatial.csv:1: found other columns"), "{message:#}");
+    let message =
+        export_trace(&golden().join("golden_pin.csv"), Some(home.path()), &home.path().join("c")).unwrap_err();
+    let expected = format!("{}: found a folder, expected a file", home.path().display());
+    assert_eq!(format!("{message:#}"), expected);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use strict_json::{list_for_object, reason};
+use strict_json::{list_for_object, reason, shown_number};
 
 /// Error of invalid settings.
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +14,7 @@ pub enum SettingsError {
     #[error("{0}")]
     Parse(String),
     /// A value is out of range.
-    #[error("`{key}`: found {found}, expected {expected}")]
+    #[error("`{key}`: found {}, expected {expected}", shown_number(*found))]
     Range {
         /// Key of the value.
         key: &'static str,
@@ -103,7 +103,11 @@ pub fn within(key: &'static str, found: f64, range: RangeInclusive<f64>) -> Resu
     if range.contains(&found) {
         return Ok(());
     }
-    Err(SettingsError::Range { key, found, expected: format!("{} to {}", range.start(), range.end()) })
+    Err(SettingsError::Range {
+        key,
+        found,
+        expected: format!("{} to {}", shown_number(*range.start()), shown_number(*range.end())),
+    })
 }
 
 #[cfg(test)]
@@ -137,6 +141,13 @@ mod tests {
         let wrong = json!({"_degree": 2, "_center_m": [1]});
         assert_eq!(stored(wrong), "`_center_m`: found a list of 1, expected a list of 2");
         assert_eq!(stored(json!({"_degree": 2})), "missing field `_center_m`");
+    }
+
+    #[test]
+    fn robust_a_number_out_of_range_is_shown_with_an_exponent_if_it_is_long() {
+        let refused = |found: f64, range| within("gain", found, range).unwrap_err().to_string();
+        assert_eq!(refused(1e300, 0.0..=0.5), "`gain`: found 1e300, expected 0 to 0.5");
+        assert_eq!(refused(-2.5, 1e-9..=1e6), "`gain`: found -2.5, expected 1e-9 to 1000000");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, bail};
+use strict_json::shown_number;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
 use testbed::fitted_traces::check_fitted_to_all;
@@ -13,6 +14,7 @@ use testbed::metrics::{Unscored, first_touch_s};
 use testbed::noise::NoiseUnit;
 use testbed::replay::{check_calibration, knowledge, noise_sd_n_m};
 use testbed::results::SetName;
+use testbed::settings::SettingsOf;
 use trace::{Miscalibration, Outline, Role, SensorFile, Sidecar, Trace};
 use whisker::estimators::{BaseNoise, ContactPrior};
 
@@ -319,12 +321,12 @@ fn check_settings(settings: &EvaluateSettings) -> anyhow::Result<()> {
         bail!("an evaluation needs at least one noise level and one seed");
     }
     check_distinct("noise level", settings.noise.iter().map(f64::to_string))?;
-    settings.touch.validate().context("settings of `touch`")?;
-    settings.map.validate()?;
+    settings.touch.validate().with_context(|| SettingsOf("touch".into()))?;
+    settings.map.validate().with_context(|| SettingsOf("map".into()))?;
     settings.encoders.iter().try_for_each(Encoders::validate)?;
     for miscalibration in &settings.miscalibrations {
         if let Some((name, found, most)) = miscalibration.out_of_range() {
-            bail!("miscalibration: {name}: found {found}, expected -{most} to {most}");
+            bail!("miscalibration: {name}: found {}, expected -{most} to {most}", shown_number(found));
         }
     }
     check_distinct("miscalibration", settings.miscalibrations.iter().map(Miscalibration::label))?;

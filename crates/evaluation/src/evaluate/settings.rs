@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{bail, ensure};
+use anyhow::{anyhow, ensure};
 use serde_json::Value;
 use testbed::encoders::Encoders;
 use testbed::front_end::FrontEndConfig;
 use testbed::map::MapConfig;
 use testbed::noise::NoiseUnit;
 use testbed::results::{FailureRow, ResultsKind, SummaryRow};
+use testbed::settings::SettingsOf;
 use trace::{Miscalibration, is_plain_name};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::TouchConfig;
@@ -119,7 +120,8 @@ impl EvaluateSettings {
         let estimators = self.estimators.clone().unwrap_or_else(all);
         if let Some(name) = self.config.keys().find(|name| !estimators.contains(name)) {
             let known = estimators.join(", ");
-            bail!("settings are given for `{name}`, which is not among the estimators: {known}");
+            return Err(anyhow!("found for no estimator of the run, expected one of: {known}")
+                .context(SettingsOf(name.clone())));
         }
         check_distinct("estimator", estimators.iter().cloned())?;
         check_distinct("program", self.programs.iter().map(|program| program.describe().name))?;

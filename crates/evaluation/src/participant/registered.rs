@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde_json::Value;
 use testbed::replay::{self, Replay};
 use testbed::results::RunEstimator;
-use testbed::settings::merged;
+use testbed::settings::{SettingsOf, merged};
 use whisker::estimators::{self, ESTIMATORS, EstimatorRow, Knowledge};
 
 use super::{Participant, Task};
@@ -27,7 +27,7 @@ impl Registered {
             let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
             format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
         })?;
-        let config = merged((row.defaults)(), overrides).with_context(|| format!("settings of `{name}`"))?;
+        let config = merged((row.defaults)(), overrides).with_context(|| SettingsOf(name.into()))?;
         Ok(Self { row, config })
     }
 }

@@ -281,7 +281,10 @@ impl<'a> Sampled<'a> {
             ));
         }
         if self.repeated > 0 {
-            notes.push(format!("{name}: {} samples with the time of the one before left out", self.repeated));
+            notes.push(format!(
+                "{name}: samples with the time of the one before, which are left out: {}",
+                self.repeated
+            ));
         }
         notes.extend(self.glitches.iter().map(|glitch| format!("{name}: {glitch}")));
         notes

@@ -182,10 +182,10 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
     Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))
 }
 
-/// Whether a line is the first one of a whisker.
+/// Whether a line is the first one of a whisker, or was to be: the error of one that is no JSON is its own.
 fn is_prior(line: &str) -> bool {
     let has_key = |value: Value| PRIOR_KEYS.iter().any(|key| value.get(key).is_some());
-    PRIOR_KEYS.iter().any(|key| line.contains(key)) && serde_json::from_str(line).is_ok_and(has_key)
+    PRIOR_KEYS.iter().any(|key| line.contains(key)) && serde_json::from_str(line).map_or(true, has_key)
 }
 
 /// An answer that is written as a line.
@@ -350,6 +350,8 @@ mod tests {
         assert!(bad(r#"{"t_s": 1, "reading": 0}"#).contains("unknown field `reading`"));
         assert!(bad(r#"{"t_s": 1, "t_s": 1, "reading_n_m": 0}"#).contains("t_s"));
         assert!(bad(r#"{"protocol": 1}"#).contains("missing field `rate_hz`"));
+        assert!(bad(r#"{"protocol": 1, "rate_hz": 250"#).contains("found the end within an object"));
+        assert!(bad(r#"{"protocol": 1, "rate_hz": NaN}"#).contains("found `NaN`, expected a finite number"));
         assert!(bad(r#"{"rate_hz": 250, "noise_sd_n_m": 1e-7}"#).contains("missing field `protocol`"));
     }
 }

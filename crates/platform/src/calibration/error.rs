@@ -32,7 +32,7 @@ pub enum Error {
         found: String,
     },
     /// A recording is too short to estimate its rate and its noise.
-    #[error("{log}: found {found} samples, expected at least {expected}")]
+    #[error("{log}: samples: found {found}, expected at least {expected}")]
     Short {
         /// The recording.
         log: String,

@@ -138,9 +138,14 @@ impl FrontEnd {
         Ok(Self { row, config, chain })
     }
 
+    /// Whether it has sensors, which must be calibrated.
+    pub fn has_sensor(&self) -> bool {
+        self.chain.has_sensor()
+    }
+
     /// Whether readings depend on the seed even without added noise.
     pub fn is_noisy(&self) -> bool {
-        self.chain.has_sensor()
+        self.has_sensor()
     }
 
     /// Checks that a trace may be read through this front end.

@@ -11,6 +11,7 @@ mod view;
 
 use anyhow::bail;
 use serde::{Deserialize, Serialize};
+use strict_json::shown_number;
 
 pub use crate::contour::true_circle;
 use crate::contour::{Circle, Contour, Vertex};
@@ -40,10 +41,10 @@ impl MapConfig {
     /// If one is out of range.
     pub fn validate(&self) -> anyhow::Result<()> {
         if !(2e-4..=2e-2).contains(&self.cell_m) {
-            bail!("map: cell_m: found {}, expected 0.0002 to 0.02", self.cell_m);
+            bail!("cell_m: found {}, expected 0.0002 to 0.02", shown_number(self.cell_m));
         }
         if self.least_points == 0 {
-            bail!("map: least_points: found 0, expected at least 1");
+            bail!("least_points: found 0, expected at least 1");
         }
         Ok(())
     }

@@ -12,13 +12,14 @@ use trace::{SpatialCalibrationFile, SpatialPose, SpatialSensor, SpatialSidecar, 
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, World};
 use whisker::space::estimators::{
-    Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow, spatial_estimator,
+    Estimate, Estimator, Knowledge, SPATIAL_ESTIMATORS, Sample, SpatialEstimatorRow, spatial_estimator,
 };
 use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
 use crate::fitted_traces::check_fitted_traces;
+use crate::settings::SettingsOf;
 
 /// The registry's row of this name.
 ///
@@ -133,6 +134,14 @@ pub struct SpatialReplay {
     pub failure: Option<String>,
 }
 
+/// Builds a registered estimator with its own contact detector.
+///
+/// # Errors
+/// If its settings are invalid.
+pub fn build(row: &SpatialEstimatorRow, config: &Value, knowledge: &Arc<Knowledge>) -> anyhow::Result<Estimator> {
+    row.build(config, TouchConfig::default(), knowledge).with_context(|| SettingsOf(row.name.into()))
+}
+
 /// Replays samples through a registered estimator.
 ///
 /// # Errors
@@ -143,8 +152,7 @@ pub fn replay(
     knowledge: &Arc<Knowledge>,
     samples: &[Sample],
 ) -> anyhow::Result<SpatialReplay> {
-    let built = row.build(config, TouchConfig::default(), knowledge);
-    let mut estimator = built.with_context(|| format!("settings of `{}`", row.name))?;
+    let mut estimator = build(row, config, knowledge)?;
     let mut steps_us = Vec::new();
     let mut estimates = Vec::with_capacity(samples.len());
     for sample in samples {

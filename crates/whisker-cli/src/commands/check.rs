@@ -117,7 +117,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
             Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
         }
         Some(other) => {
-            bail!("{}: kind: found `{other}`, expected trace, recording, calibration or run", path.display())
+            bail!("{}: kind: found `{other}`, expected that of {FILES}", path.display())
         }
         None => check_without_kind(path, &value),
     }
@@ -175,12 +175,11 @@ fn check_without_kind(path: &Path, value: &Value) -> anyhow::Result<String> {
         check_scene(path)?;
         return Ok("scene".into());
     }
-    bail!(
-        "{}: found none of the keys kind, scenes, random and whisker, expected a trace, recording, calibration, run, suite or \
-        scene",
-        path.display()
-    )
+    bail!("{}: found none of the keys kind, scenes, random and whisker, expected those of {FILES}", path.display())
 }
+
+/// JSON files that can be checked: by their kind, then by their keys.
+const FILES: &str = "a trace, recording, calibration or run, or a suite or scene, which states no kind";
 
 /// A table that is no file of a run.
 struct Table {

@@ -30,7 +30,7 @@ use whisker::events::{FORMER_NAMES, TouchConfig};
 use super::output::{check_apart, lies_in, reserve_folder};
 use super::progress::Progress;
 use super::space::{Evaluation, evaluate_in_space};
-use super::{FINISHED_WITH_FAILURES, front_end, is_literal, json, noise_fraction, print, table};
+use super::{FINISHED_WITH_FAILURES, front_end, in_file, is_literal, json, noise_fraction, print, table};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
@@ -219,14 +219,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .context("cannot start threads")?;
     let progress = Progress::of("evaluating");
     if let Some(share) = arguments.share {
-        threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
+        in_file(config_file(arguments), threads.install(|| evaluate_share(&datasets, &settings, share, &progress)))?;
         drop(progress);
         print(&format!("share {share} done\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
     let _lock = reserve_folder(&folder, &inputs)?;
     let is_there = folder.join("run.json").is_file();
-    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
+    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress));
+    let evaluated = in_file(config_file(arguments), evaluated)?;
     drop(progress);
     if is_there && evaluated.is_new {
         eprintln!("{}: replaced the former run", folder.display());
@@ -281,7 +282,7 @@ fn in_space(
         .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
         .context("cannot start threads")?;
-    threads.install(|| evaluate_in_space(dataset, evaluation, &folder))
+    in_file(config_file(arguments), threads.install(|| evaluate_in_space(dataset, evaluation, &folder)))
 }
 
 /// Ends the external programs if an interrupt ends the evaluation.

@@ -69,6 +69,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return in_space(arguments, &dataset, models);
     }
     let front_end = FrontEnd::new(&choice)?;
+    if !arguments.sensors.is_empty() && !front_end.has_sensor() {
+        bail!(
+            "--sensors: found with the front end `{}`, which has no sensor to calibrate, expected with one that has, for example \
+            --front-end hall",
+            front_end.row.name
+        );
+    }
     let settings = FitSettings {
         models,
         noise: arguments.noise.unwrap_or(front_end.row.noise),

@@ -34,6 +34,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use strict_json::{parse_json, reason};
+use testbed::settings::SettingsOf;
 use trace::MOST_NOISE;
 
 /// Physics testbed for whisker contact localisation.
@@ -139,6 +140,14 @@ fn json<T: DeserializeOwned + Serialize>(text: &str) -> Result<T, String> {
 /// Whether an argument that is a JSON object or the name of a file is the former.
 fn is_literal(text: &str) -> bool {
     text.trim_start().starts_with('{')
+}
+
+/// Names the file of the settings of estimators, if there is one, in an error of them.
+fn in_file<T>(file: Option<&Path>, result: anyhow::Result<T>) -> anyhow::Result<T> {
+    result.map_err(|error| match file {
+        Some(path) if error.is::<SettingsOf>() => error.context(path.display().to_string()),
+        _ => error,
+    })
 }
 
 /// Parses a JSON object, given literally or as a file.

@@ -10,14 +10,14 @@ use testbed::fitted_traces::check_fitted_traces;
 use testbed::front_end::{FrontEnd, Mounting, Reader, Reading, SpatialFrontEnd};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
-use testbed::settings::merged;
+use testbed::settings::{SettingsOf, merged};
 use testbed::space;
 use trace::{CalibrationFile, Instant, Sidecar, Trace, TraceRows};
 use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::SpatialEstimatorRow;
 
-use super::{front_end, json_or_file, noise_fraction, seed};
+use super::{front_end, in_file, is_literal, json_or_file, noise_fraction, seed};
 
 /// Options of the estimator and of its input.
 // Without its own group: the command that flattens these has a group of the same name.
@@ -45,8 +45,21 @@ pub(super) struct MethodArguments {
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator, as JSON or as a JSON file: '{"fading": 1.01}'
-    #[arg(long, default_value = "{}", value_name = "JSON or FILE", value_parser = json_or_file)]
-    config: Value,
+    #[arg(long, default_value = "{}", value_name = "JSON or FILE", value_parser = MethodConfig::parsed)]
+    config: MethodConfig,
+}
+
+/// Settings of an estimator, and their file unless they are given literally.
+#[derive(Clone)]
+struct MethodConfig {
+    value: Value,
+    file: Option<PathBuf>,
+}
+
+impl MethodConfig {
+    fn parsed(text: &str) -> Result<Self, String> {
+        Ok(Self { value: json_or_file(text)?, file: (!is_literal(text)).then(|| text.into()) })
+    }
 }
 
 impl MethodArguments {
@@ -59,7 +72,7 @@ impl MethodArguments {
             let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
             format!("unknown estimator `{}`, expected one of: {}", self.estimator, known.join(", "))
         })?;
-        Ok((row, merged((row.defaults)(), &self.config)?))
+        Ok((row, merged((row.defaults)(), &self.config.value).with_context(|| SettingsOf(row.name.into()))?))
     }
 }
 
@@ -101,6 +114,11 @@ impl Arguments {
         self.noise.is_some() || !self.front_end.is_default()
     }
 
+    /// Names the file of the estimator's settings, if there is one, in an error of them.
+    pub(super) fn in_file<T>(&self, result: anyhow::Result<T>) -> anyhow::Result<T> {
+        in_file(self.method.config.file.as_deref(), result)
+    }
+
     /// The options for a trace in space.
     ///
     /// # Errors
@@ -108,7 +126,7 @@ impl Arguments {
     pub(super) fn in_space(&self) -> anyhow::Result<InSpace> {
         let front_end = SpatialFrontEnd::new(&self.front_end.choice())?;
         let row = space::replay::registered(&self.method.estimator)?;
-        let config = merged(row.defaults(), &self.method.config)?;
+        let config = merged(row.defaults(), &self.method.config.value).with_context(|| SettingsOf(row.name.into()))?;
         Ok(InSpace { row, config, front_end, noise: self.noise, seed: self.seed })
     }
 

@@ -39,6 +39,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.played.in_file(replay(arguments))
+}
+
+fn replay(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     check_trace(&arguments.trace)?;
     if arguments.space || is_spatial(&arguments.trace)? {
         let Arguments { trace, played, calibration, out, .. } = arguments;

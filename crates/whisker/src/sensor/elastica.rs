@@ -303,7 +303,7 @@ pub(super) fn fit(region: &Region<'_>, samples: &[Sample], config: &Value) -> Re
     check_response(config.response)?;
     if samples.len() <= COUNT {
         let found = samples.len();
-        return Err(ModelError::Data(format!("the calibration has only {found} samples, expected more than {COUNT}")));
+        return Err(ModelError::Data(format!("samples of the calibration: found {found}, expected more than {COUNT}")));
     }
     let largest_n_m = samples.iter().map(|sample| sample.reading_n_m.abs()).fold(0.0, f64::max);
     let prior = Prior { mean: first_guess(region, samples)?, sd: config.standard_deviations(largest_n_m)? };

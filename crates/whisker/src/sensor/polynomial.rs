@@ -149,7 +149,8 @@ impl Polynomial {
         let count = terms(degree);
         if samples.len() <= count {
             return Err(ModelError::Data(format!(
-                "a polynomial of degree {degree} has {count} coefficients, the calibration only {} samples",
+                "samples of the calibration: found {}, expected more than the {count} coefficients of a polynomial of degree \
+                {degree}",
                 samples.len()
             )));
         }
@@ -308,5 +309,14 @@ mod tests {
             samples(g).iter().map(miss).fold(0.0, f64::max)
         };
         assert!(worst(6) > 1e-6 && worst(18) < 1e-12, "{} {}", worst(6), worst(18));
+    }
+
+    #[test]
+    fn robust_too_few_samples_are_counted() {
+        let reason =
+            Polynomial::fit(&samples(|_, y| y)[..1], 5).err().map(|error| error.to_string()).unwrap_or_default();
+        let expected =
+            "samples of the calibration: found 1, expected more than the 21 coefficients of a polynomial of degree 5";
+        assert!(reason.ends_with(expected), "{reason}");
     }
 }

@@ -78,14 +78,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let DisturbanceArguments { lost, jitter, swapped } = arguments.disturbance;
         let disturbance = Disturbance { lost, jitter_s: jitter, swapped };
         disturbance.validate()?;
-        return recording::run(arguments, timing, &disturbance, &stop, writing);
+        return arguments.played.in_file(recording::run(arguments, timing, &disturbance, &stop, writing));
     }
     if arguments.played.is_for_recordings() {
         bail!(
             "--noise or --front-end: found without --recording, expected with it; on stdin, readings are those of a sensor"
         );
     }
-    stream::run(arguments, timing, &stop, writing)
+    arguments.played.in_file(stream::run(arguments, timing, &stop, writing))
 }
 
 /// Name and calibration of an option `[NAME=]CALIBRATION`.

@@ -10,8 +10,8 @@ use anyhow::bail;
 use live::wire::Written;
 use live::{Answer, Disturbance, Kind, LiveEstimator, Message, Motion, Timing, messages, messages_in_space, play};
 use nalgebra::Vector2;
+use testbed::space;
 use trace::{ArrayRecording, ArraySidecar, Recording, SpatialTrace, Trace, is_spatial};
-use whisker::events::TouchConfig;
 
 use super::blocked::Writing;
 use super::sink::Sink;
@@ -90,7 +90,7 @@ impl Player<'_> {
             let path = given.unwrap_or_else(default);
             let Prepared { trace, knowledge, readings_n_m } = Prepared::new(trace, &options, &path)?;
             let (row, config, of_build) = (options.row, options.config.clone(), knowledge.clone());
-            let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
+            let build = move || space::replay::build(row, &config, &of_build);
             estimators.push(LiveEstimator::in_space(Box::new(build), &knowledge, self.timing)?);
             recordings.push((trace, readings_n_m));
         }

@@ -18,7 +18,7 @@ use live::{
 };
 use nalgebra::Vector2;
 use serde_json::{Value, json};
-use strict_json::one_line;
+use strict_json::{one_line, shown_number};
 use testbed::protocol::PROTOCOL;
 use testbed::protocol::space::SPATIAL_PROTOCOL;
 use testbed::replay::{method, read_by};
@@ -373,7 +373,21 @@ where
         let Err(bad) = taken else { return Ok(()) };
         let kind =
             if bad.is_not_finite { "lines with a value that is not finite" } else { "lines that are no messages" };
-        locked(&self.sink).refuse(kind, &format!("stdin: line {}, {bad}", self.lines))
+        locked(&self.sink).refuse(kind, &format!("stdin: line {}, {bad}", self.lines), &self.consequence())
+    }
+
+    /// What follows from a line that is no message. It may have been meant as the first line of a whisker that has none yet.
+    fn consequence(&self) -> String {
+        let waiting: Vec<_> = self.whiskers.iter().filter(|whisker| whisker.worker.is_none()).collect();
+        let names: Vec<_> = waiting.iter().filter_map(|whisker| whisker.name.as_deref()).collect();
+        match (waiting.len(), names.as_slice()) {
+            (0, _) => "the line is left out".into(),
+            (_, []) => "the line is left out, and so is every reading and pose before a valid first line".into(),
+            (_, names) => format!(
+                "the line is left out, and so is every reading and pose of {} before a valid first line of that whisker",
+                names.join(", ")
+            ),
+        }
     }
 
     /// Passes a reading, a pose or both to the thread of the whisker.
@@ -436,10 +450,10 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow:
     }
     let [least, most] = RATES_HZ;
     if !(least..=most).contains(&rate_hz) {
-        bail!("rate_hz: found {rate_hz}, expected {least} to {most}");
+        bail!("rate_hz: found {}, expected {least} to {most}", shown_number(rate_hz));
     }
     if !(0.0..=MOST_NOISE_N_M).contains(&noise_sd_n_m) {
-        bail!("noise_sd_n_m: found {noise_sd_n_m}, expected 0 to {MOST_NOISE_N_M}");
+        bail!("noise_sd_n_m: found {}, expected 0 to {MOST_NOISE_N_M}", shown_number(noise_sd_n_m));
     }
     Ok(())
 }
@@ -463,7 +477,7 @@ impl CountsOf {
         let PriorLine { sensor: label, zeroing_s, modulo, .. } = prior;
         for (key, found, [least, most]) in [("zeroing_s", zeroing_s, ZEROINGS_S), ("modulo", modulo, MODULI)] {
             if let Some(found) = found.filter(|found| !(least..=most).contains(found)) {
-                bail!("{key}: found {found}, expected {least} to {most}");
+                bail!("{key}: found {}, expected {least} to {most}", shown_number(found));
             }
         }
         // With a front end, the lines of a whisker are moments unless its first line states otherwise.
@@ -672,7 +686,7 @@ impl Method for OfSpace {
             rate_hz: prior.rate_hz,
         });
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
-        let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
+        let build = move || space::replay::build(row, &config, &of_build);
         Ok((LiveEstimator::in_space(Box::new(build), &knowledge, timing)?, ()))
     }
 
