@@ -435,6 +435,90 @@ fn robust_a_calibration_in_one_plane_is_refused() {
     );
 }
 
+/// The trace of [`dataset`] with contacts `scale` times as far from the root, those of a real sensor as places only.
+fn scaled(scale: f64, recorded: bool) -> SpatialTrace {
+    let rod = golden().sidecar.rod().unwrap();
+    let mut trace = trace("lines", Role::Calibration, &rod, &lines(9));
+    for truth in &mut trace.truth.instants {
+        if let Some(contact) = &mut truth.contact {
+            contact.contact *= scale;
+        }
+        if recorded {
+            truth.place = truth.contact_m();
+            truth.contact = None;
+        }
+    }
+    let of_sensor = json!({
+        "clock": "recorded", "counts_per_n_m": [[1e6, 0.0], [0.0, 1e6]], "residual_counts": [1.0, 1.0],
+        "rest_counts": [0.0, 0.0], "noise_sd_n_m": [1e-9, 1e-9], "touch_counts": 1.0, "object_class": "pin"
+    });
+    if recorded {
+        trace.sidecar.recorded = Some(serde_json::from_value(of_sensor).unwrap());
+    }
+    trace
+}
+
+#[test]
+fn robust_a_calibration_with_contacts_in_millimetres_is_refused() {
+    let refused = |recorded: bool, words: &[&str]| {
+        let folder = tempfile::tempdir().unwrap();
+        let fitted = |scale: f64| {
+            scaled(scale, recorded).write(folder.path()).unwrap();
+            let dataset = Dataset::open(folder.path(), None).unwrap();
+            fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden())
+        };
+        let message = format!("{:#}", fitted(1e3).unwrap_err());
+        assert!(!calibrations(folder.path()).join("curved.json").exists());
+        for word in words.iter().chain(&["whisker `curved`: ", "unit"]) {
+            assert!(message.contains(word), "does not contain `{word}`: {message}");
+        }
+        fitted(1.0).unwrap();
+    };
+    refused(
+        false,
+        &["not those of a whisker of 80.000 mm: found contacts up to", "mm away", "expected both within its length"],
+    );
+    refused(
+        true,
+        &["of 432 contacts that cannot be fitted (", "coordinates about the undeflected whisker not unique", "sign"],
+    );
+}
+
+#[test]
+fn robust_a_missing_calibration_says_how_to_make_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let path = calibrations(folder.path()).join("curved.json");
+    let missing = format!("{}: no such calibration; make it by `whisker fit", path.display());
+    let message = evaluate(&dataset, &settings(&["point"], &[1]), &ProgressBar::hidden()).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        format!("{missing}`, with the same --front-end, or name the folder of others by --calibrations")
+    );
+    let message = read_calibration(&path).unwrap_err().to_string();
+    let made = folder.path().display();
+    assert_eq!(message, format!("{missing} {made}`, with the same --front-end, or name another by --calibration"));
+    let message = read_calibration(Path::new("calibrations/none.json")).unwrap_err().to_string();
+    assert!(message.contains("`whisker fit .`"), "{message}");
+    let message = read_calibration(Path::new("none.json")).unwrap_err().to_string();
+    assert!(message.contains("`whisker fit`"), "{message}");
+}
+
+#[test]
+fn robust_a_stored_model_that_cannot_be_loaded_is_named_without_its_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let fitted =
+        fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0);
+    let mut file = fitted.calibration;
+    file.models[0].model.as_object_mut().unwrap().insert("colour".into(), json!(vec![0.125; 1000]));
+    let message = file.calibrated(&fitted.path, None).unwrap_err().to_string();
+    let label = &file.models[0].label;
+    assert!(message.contains(&format!("curved.json: models.{label}.model: sensor model `polynomial`: ")), "{message}");
+    assert!(message.contains("colour") && !message.contains("0.125"), "{message}");
+    assert!(message.ends_with(", expected a model as `whisker fit` stores it; fit it again"), "{message}");
+}
+
 #[test]
 fn robust_each_kind_of_calibration_names_the_other_and_a_recording_of_one_moment_is_refused() {
     let folder = tempfile::tempdir().unwrap();

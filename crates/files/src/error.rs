@@ -67,6 +67,18 @@ pub enum Error {
         /// Kind of the output.
         kind: String,
     },
+    /// A value that a program stored cannot be loaded. The value itself would be of no use to the reader.
+    #[error("{}: {}: {}, expected {}", at(path), shown(key), shown(reason), shown(expected))]
+    Stored {
+        /// The file.
+        path: PathBuf,
+        /// Key of the value.
+        key: String,
+        /// Why it cannot be loaded.
+        reason: String,
+        /// Value expected.
+        expected: String,
+    },
     /// A well-formed value is invalid.
     #[error("{}: {}: found {}, expected {}", at(path), shown(key), shown(found), shown(expected))]
     Value {

@@ -8,6 +8,22 @@ use trace::{FittedTraces, Role, TraceData, data_sha256};
 
 use crate::dataset::{CALIBRATIONS, Dataset};
 
+/// Checks that there is a calibration, which `whisker fit` makes from the traces in the folder that contains `calibrations`, if
+/// there is one. `other` states how to name another calibration.
+///
+/// # Errors
+/// If there is no such file.
+pub fn check_is_calibration(path: &Path, folder: Option<&Path>, other: &str) -> anyhow::Result<()> {
+    if path.is_file() {
+        return Ok(());
+    }
+    let folder = folder.map_or_else(String::new, |folder| format!(" {}", folder.display()));
+    bail!(
+        "{}: no such calibration; make it by `whisker fit{folder}`, with the same --front-end, or name {other}",
+        path.display()
+    )
+}
+
 /// Checks that the traces a calibration was fitted to have not changed since. They lie in the folder that contains
 /// `calibrations`. A calibration without any of its traces, for example a copy, is accepted.
 ///
@@ -68,15 +84,16 @@ pub fn check_fitted_to_all<'a>(
 
 /// Folder that contains the folder `calibrations` of this file. `None` if there is no such folder.
 fn folder_of_traces(path: &Path) -> anyhow::Result<Option<PathBuf>> {
-    let of = |path: &Path| {
-        let calibrations =
-            path.ancestors().find(|folder| folder.file_name().is_some_and(|name| name == CALIBRATIONS))?;
-        Some(calibrations.parent()?.to_path_buf())
-    };
-    if let Some(folder) = of(path).filter(|folder| !folder.as_os_str().is_empty()) {
-        return Ok(Some(folder));
+    if let Some(folder) = above_calibrations(path).filter(|folder| !folder.as_os_str().is_empty()) {
+        return Ok(Some(folder.into()));
     }
-    Ok(of(&path.canonicalize().with_context(|| path.display().to_string())?))
+    let absolute = path.canonicalize().with_context(|| path.display().to_string())?;
+    Ok(above_calibrations(&absolute).map(Path::to_path_buf))
+}
+
+/// Folder that contains the folder `calibrations` in this path, empty if the path begins with `calibrations`.
+pub(crate) fn above_calibrations(path: &Path) -> Option<&Path> {
+    path.ancestors().find(|folder| folder.file_name().is_some_and(|name| name == CALIBRATIONS))?.parent()
 }
 
 /// Hash of the data of a trace in a folder, whose files have the hashes that its sidecar states.

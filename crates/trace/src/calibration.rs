@@ -6,7 +6,7 @@ use std::sync::Arc;
 use files::{Error, FORMAT, Watermark, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, PinFriction, Region};
+use whisker::sensor::{self, CalibratedFace, Domain, ErrorMap, Face, Fit, ModelError, PinFriction, Region};
 use whisker::{ReadingGate, Whisker};
 
 use crate::Characteristic;
@@ -23,6 +23,12 @@ const SENSOR: &str = "sensor";
 
 /// Largest measurement noise, as a fraction of the largest reading.
 pub const MOST_NOISE: f64 = 10.0;
+
+/// Error of a sensor model that cannot be loaded.
+pub(crate) fn model_not_stored(path: &Path, key: String, error: &ModelError) -> Error {
+    let expected = "a model as `whisker fit` stores it; fit it again".into();
+    Error::Stored { path: path.into(), key, reason: error.to_string(), expected }
+}
 
 fn faces_sha256(faces: &[FaceFile]) -> String {
     sha256(serde_json::to_vec(faces).expect("numbers and names serialise"))
@@ -438,8 +444,7 @@ impl CalibrationFile {
             Error::value(path, key("model.kind"), format!("`{kind}`"), format!("one of: {}", known.join(", ")))
         })?;
         let region = Region { whisker: &self.whisker, face: face.face, domain: &face.domain };
-        let loaded = (row.load)(&region, &model.model)
-            .map_err(|error| Error::value(path, key("model"), &model.model, format!("a stored model ({error})")))?;
+        let loaded = (row.load)(&region, &model.model).map_err(|error| model_not_stored(path, key("model"), &error))?;
         if loaded.label() != model.label {
             return Err(Error::value(path, key("label"), format!("`{}`", model.label), loaded.label()));
         }

@@ -109,6 +109,14 @@ fn robust_errors_state_file_and_key() {
     for word in ["straight.json", "faces.left.models", "polynomial-8", "polynomial-5", "elastica"] {
         assert!(error.contains(word), "{error}");
     }
+    let mut other = file.clone();
+    other.faces[0].models[0].model["colour"] = json!(vec![0.125; 1000]);
+    let label = other.faces[0].models[0].label.clone();
+    let error = other.calibrated(&path, Some(&label)).unwrap_err().to_string();
+    assert!(error.contains(&format!("straight.json: faces.left.models.{label}.model: sensor model `")), "{error}");
+    assert!(error.contains("colour") && !error.contains("0.125"), "{error}");
+    assert!(error.ends_with(", expected a model as `whisker fit` stores it; fit it again"), "{error}");
+
     let by_hand = refused(&path, |file| file["faces"][0]["largest_reading_n_m"] = 1.0.into());
     assert!(by_hand.contains("faces_sha256"), "{by_hand}");
 }

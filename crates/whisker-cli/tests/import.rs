@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use files::{sha256, write_json};
 use nalgebra::{Vector3, Vector6};
 use trace::{SpatialCalibrationFile, SpatialTrace};
 use whisker::elastica::Elastica;
@@ -252,17 +253,27 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     good(&["replay", text(&path), "--estimator", "point", "--out", text(&estimates)]);
     assert_eq!(column(&estimates, "truth_contact_z_m").iter().filter(|cell| !cell.is_empty()).count(), known.len());
 
+    let mut damaged = SpatialTrace::read(&path).unwrap();
+    damaged.recording.instants[5].moment_z_n_m = 1.0;
+    damaged.sidecar.name = "glitch".into();
+    damaged.sidecar.csv_sha256 = sha256(damaged.to_csv());
+    let glitch = work.path().join("glitch.csv");
+    fs::write(&glitch, damaged.to_csv()).unwrap();
+    write_json(&glitch.with_extension("json"), &damaged.sidecar).unwrap();
     // A touch of the pin shows that the sensor is mounted as in its calibration.
     let calibration = dataset.join("calibrations/stanford-curved_May_22_try2.json");
     let read = SpatialCalibrationFile::read(&calibration).unwrap();
     assert!(
         read.real_sensor && read.mounting.is_none() && read.models.iter().all(|one| one.error.correlation_m.is_some())
     );
+    let notes = good(&["replay", text(&glitch), "--calibration", text(&calibration), "--out", text(&estimates)]);
+    assert!(notes.starts_with("gated: 1 of "), "{notes}");
     let mounted = work.path().join("mounted.json");
     let mount = |out: &Path| whisker(&["mount", text(&path), "--calibration", text(&calibration), "--out", text(out)]);
     let output = mount(&mounted);
     assert!(output.status.success(), "{output:?}");
-    assert!(String::from_utf8_lossy(&output.stdout).contains("translation, mm"), "{output:?}");
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert!(["translation, mm", "contacts used", trial].iter().all(|words| printed.contains(words)), "{printed}");
     let learnt = SpatialCalibrationFile::read(&mounted).unwrap().mounting.unwrap();
     assert_eq!(learnt.traces, [trial]);
     let deviation = learnt.deviation;

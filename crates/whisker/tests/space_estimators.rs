@@ -16,7 +16,7 @@ use whisker::frames::{Base, World};
 use whisker::rod::{Rod, SpatialContact, SpatialDeflection};
 use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use whisker::space::frames::{Point, Pose};
-use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, Mounting, SpatialErrorMap};
+use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, LearntTouch, Mounting, SpatialErrorMap};
 
 use space_world::{RATE_HZ, knowledge};
 
@@ -471,6 +471,23 @@ fn verif_touches_at_known_places_determine_the_mounting() {
         (60..500).step_by(5).map(contact).collect::<Vec<_>>()
     };
     let learnt = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042), known(0.056)], 0.0).unwrap();
+    for LearntTouch { contacts, used, residuals_n_m: [before_n_m, after_n_m], disagreement } in learnt.touches {
+        assert!((Mounting::LEAST_CONTACTS..=contacts).contains(&used) && contacts <= 40, "{used} {contacts}");
+        assert!(
+            after_n_m < 0.1 * before_n_m && disagreement.unwrap() < 1.5,
+            "{before_n_m} {after_n_m} {disagreement:?}"
+        );
+    }
+    let learnt = learnt.mounting;
+    assert!((learnt.size() - deviation().size()).abs() < 0.1, "{}", learnt.size());
+    // One of three places is known wrongly, by 2 mm.
+    let mut wrong = known(0.049);
+    wrong.iter_mut().for_each(|one| one.contact = one.contact.shifted(Vector3::new(0.0, 2e-3, 0.0)));
+    let found = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042), known(0.056), wrong], 0.0).unwrap();
+    let disagreements: Vec<f64> = found.touches.iter().map(|touch| touch.disagreement.unwrap()).collect();
+    assert!(disagreements[2] > 10.0, "{disagreements:?}");
+    let alone = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042)], 0.0).unwrap();
+    assert_eq!(alone.touches[0].disagreement, None);
     let calibrated = CalibratedSpace { mounting: Some(deviation()), ..(*STRAIGHT.calibrated).clone() };
     let one = known(0.048)[20];
     let predicted = calibrated.predict(one.contact).unwrap();

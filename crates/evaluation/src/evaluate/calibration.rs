@@ -7,10 +7,13 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use files::sha256;
-use testbed::fitted_traces::check_fitted_traces;
+use testbed::fitted_traces::{check_fitted_traces, check_is_calibration};
 use testbed::results::files::{RESIDUALS, SURFACE};
 use trace::CalibrationFile;
 use whisker::sensor::CalibratedFace;
+
+/// How an evaluation names other calibrations.
+pub(crate) const OTHERS: &str = "the folder of others by --calibrations";
 
 /// A calibration with the sensor models that the estimators use.
 pub(super) struct Calibration {
@@ -25,13 +28,7 @@ pub(super) struct Calibration {
 impl Calibration {
     /// Reads a calibration with the sensor models that it chose. Its traces must be those of the fit.
     fn read(path: &Path) -> anyhow::Result<Self> {
-        if !path.is_file() {
-            bail!(
-                "{}: no such calibration; make it by `whisker fit`, with the same --front-end, or name the folder of \
-                others by --calibrations",
-                path.display()
-            );
-        }
+        check_is_calibration(path, None, OTHERS)?;
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;
         let file = CalibrationFile::read(path)?;
         check_fitted_traces(path, &file)?;

@@ -11,7 +11,7 @@
 //! interruptions. A trial that fails is recorded with its reason and does not affect the others.
 
 mod array_members;
-mod calibration;
+pub(crate) mod calibration;
 mod contours;
 mod job;
 mod loaded_trial;

@@ -2,6 +2,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use whisker::Whisker;
+
 use super::{Finding, Subject};
 use crate::glitches;
 
@@ -72,27 +74,38 @@ pub(super) fn rotation(subject: &Subject<'_>) -> Vec<Finding> {
 /// Compares the moment with the rotation of the root and the strain of the wire that it causes.
 pub(super) fn strength(subject: &Subject<'_>) -> Vec<Finding> {
     let whisker = &subject.trace.sidecar.whisker;
-    let by_rotation_n_m = MOST_ROTATION_RAD * whisker.root_stiffness_n_m_rad;
+    let found = withstood("moment_z_n_m", subject.largest_n_m, whisker, whisker.root_stiffness_n_m_rad);
+    found.into_iter().collect()
+}
+
+/// Compares the largest bending moment, stated at `place`, with that which a whisker on a spring of this stiffness withstands.
+pub(super) fn withstood(
+    place: &'static str,
+    largest_n_m: f64,
+    whisker: &Whisker,
+    stiffness_n_m_rad: f64,
+) -> Option<Finding> {
+    let by_rotation_n_m = MOST_ROTATION_RAD * stiffness_n_m_rad;
     let by_strain_n_m = 2.0 * MOST_STRAIN * whisker.bending_stiffness_n_m2(0.0) / whisker.root_diameter_m;
     let most_n_m = by_rotation_n_m.min(by_strain_n_m);
-    if subject.largest_n_m <= most_n_m {
-        return Vec::new();
+    if largest_n_m <= most_n_m {
+        return None;
     }
-    let looks_like = if subject.largest_n_m / MILLI <= most_n_m {
+    let looks_like = if largest_n_m / MILLI <= most_n_m {
         THOUSAND_TIMES_LOOK.into()
     } else {
-        format!("the moment looks {:.0e} times too large", subject.largest_n_m / most_n_m)
+        format!("the moment looks {:.0e} times too large", largest_n_m / most_n_m)
     };
-    vec![Finding {
-        place: "moment_z_n_m",
-        found: format!("up to {:.3e} N m", subject.largest_n_m),
+    Some(Finding {
+        place,
+        found: format!("up to {largest_n_m:.3e} N m"),
         expected: format!(
             "at most {most_n_m:.3e} N m: more turns the root by a right angle ({by_rotation_n_m:.3e} N m) or strains \
             the wire by {:.0} % ({by_strain_n_m:.3e} N m)",
             100.0 * MOST_STRAIN
         ),
         looks_like,
-    }]
+    })
 }
 
 /// Compares the moment with the largest calibrated reading.

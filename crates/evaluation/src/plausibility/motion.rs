@@ -38,7 +38,7 @@ const SHORT_STEP: f64 = 0.05;
 const MOST_INTERVALS: f64 = 1.5;
 
 /// Share of the largest moment above which the whisker counts as touching.
-const TOUCHING: f64 = 0.05;
+pub(super) const TOUCHING: f64 = 0.05;
 
 /// Mean velocity in World and yaw rate between two rows with known twist.
 struct Step {
@@ -177,57 +177,70 @@ pub(super) fn yaw(subject: &Subject<'_>) -> Vec<Finding> {
 
 /// Bounds the speed of the base, the steps of its position and its travel during one touch.
 pub(super) fn travel(subject: &Subject<'_>) -> Vec<Finding> {
-    let (instants, length_m) = (subject.instants(), subject.trace.sidecar.whisker.length_m);
-    let steps_m: Vec<f64> =
-        instants.windows(2).map(|pair| pair[1].base.origin().distance(&pair[0].base.origin())).collect();
-    let mut speeds: Vec<f64> = instants
-        .windows(2)
-        .zip(&steps_m)
-        .map(|(pair, step_m)| step_m / (pair[1].t_s - pair[0].t_s))
-        .filter(|speed_m_s| *speed_m_s > 0.0)
-        .collect();
+    let threshold_n_m = TOUCHING * subject.largest_n_m;
+    let pressing = |instant: &Instant| {
+        let moment_n_m = instant.moment_z_n_m;
+        if moment_n_m.abs() > threshold_n_m { moment_n_m.signum() } else { 0.0 }
+    };
+    let travel = |pair: &[Instant]| {
+        let (before, now) = (pressing(&pair[0]), pressing(&pair[1]));
+        Travel {
+            time_s: pair[1].t_s - pair[0].t_s,
+            step_m: pair[1].base.origin().distance(&pair[0].base.origin()),
+            touches: now != 0.0 && now == before,
+        }
+    };
+    let sidecar = &subject.trace.sidecar;
+    let travels: Vec<Travel> = subject.instants().windows(2).map(travel).collect();
+    travelled("base_x_m, base_y_m", &travels, sidecar.whisker.length_m, sidecar.rate_hz).into_iter().collect()
+}
+
+/// Motion of the base between two rows.
+pub(super) struct Travel {
+    pub(super) time_s: f64,
+    pub(super) step_m: f64,
+    /// Whether the whisker touches in both rows, without a release between them.
+    pub(super) touches: bool,
+}
+
+/// Bounds the motion of the base between consecutive rows, whose position stands at `place`.
+pub(super) fn travelled(place: &'static str, travels: &[Travel], length_m: f64, rate_hz: f64) -> Option<Finding> {
+    let mut speeds: Vec<f64> =
+        travels.iter().map(|travel| travel.step_m / travel.time_s).filter(|speed_m_s| *speed_m_s > 0.0).collect();
     let speed_m_s = quantile(&mut speeds, MOST_OF).unwrap_or_default();
-    let travel_m = longest_touch_m(subject, &steps_m);
+    let travel_m = longest_touch_m(travels);
     let most_m_s = MOST_LENGTHS_PER_S * length_m;
     if speed_m_s > most_m_s || travel_m > MOST_TRAVEL * length_m {
-        return vec![Finding {
-            place: "base_x_m, base_y_m",
+        return Some(Finding {
+            place,
             found: format!("speeds up to {speed_m_s:.3} m/s, and {travel_m:.3} m of travel in one touch"),
             expected: format!(
                 "at most {most_m_s:.1} m/s and {:.1} m for a whisker of {length_m} m",
                 MOST_TRAVEL * length_m
             ),
             looks_like: MILLIMETRES_LOOK.into(),
-        }];
+        });
     }
-    let usual_m = quantile(&mut steps_m.clone(), MOST_OF).unwrap_or_default();
+    let mut steps_m: Vec<f64> = travels.iter().map(|travel| travel.step_m).collect();
+    let usual_m = quantile(&mut steps_m, MOST_OF).unwrap_or_default();
     // The base may move far while rows are missing.
-    let longest_s = MOST_INTERVALS / subject.trace.sidecar.rate_hz;
-    let is_next = |row: usize| instants[row + 1].t_s - instants[row].t_s < longest_s;
-    let is_far = |row: &usize| steps_m[*row] > MOST_STEP * length_m && is_next(*row);
-    let far = (0..steps_m.len()).find(is_far).filter(|_| usual_m < SHORT_STEP * length_m);
+    let longest_s = MOST_INTERVALS / rate_hz;
+    let is_far = |travel: &Travel| travel.step_m > MOST_STEP * length_m && travel.time_s < longest_s;
+    let far = travels.iter().position(is_far).filter(|_| usual_m < SHORT_STEP * length_m);
     far.map(|row| Finding {
-        place: "base_x_m, base_y_m",
-        found: format!("a step of {:.4} m in line {}", steps_m[row], row + 3),
+        place,
+        found: format!("a step of {:.4} m in line {}", travels[row].step_m, row + 3),
         expected: format!("at most {:.4} m, since 95 % of the steps are below {usual_m:.2e} m", MOST_STEP * length_m),
         looks_like: "the position jumps: rows are lost, or two recordings were joined".into(),
     })
-    .into_iter()
-    .collect()
 }
 
-/// Longest travel of the base while the moment keeps its sign above a threshold.
-fn longest_touch_m(subject: &Subject<'_>, steps_m: &[f64]) -> f64 {
-    let threshold_n_m = TOUCHING * subject.largest_n_m;
-    let pressing = |instant: &Instant| {
-        let moment_n_m = instant.moment_z_n_m;
-        if moment_n_m.abs() > threshold_n_m { moment_n_m.signum() } else { 0.0 }
-    };
+/// Longest travel of the base during one touch.
+fn longest_touch_m(travels: &[Travel]) -> f64 {
     let mut longest_m: f64 = 0.0;
     let mut travel_m = 0.0;
-    for (pair, step_m) in subject.instants().windows(2).zip(steps_m) {
-        let (before, now) = (pressing(&pair[0]), pressing(&pair[1]));
-        travel_m = if now != 0.0 && now == before { travel_m + step_m } else { 0.0 };
+    for travel in travels {
+        travel_m = if travel.touches { travel_m + travel.step_m } else { 0.0 };
         longest_m = longest_m.max(travel_m);
     }
     longest_m

@@ -1,10 +1,12 @@
 //! Plausibility of a trace in space.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use trace::{SpatialInstant, SpatialTrace};
 
-use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE};
+use super::moment::withstood;
+use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE, TOUCHING, Travel, travelled};
 use super::{Finding, median};
+use crate::glitches;
 
 /// Relative tolerance of the time step.
 const RATE: f64 = 0.02;
@@ -15,6 +17,12 @@ const ROTATION: f64 = 0.01;
 /// Largest median deviation of the moment from that of the true contact force about the root, relative to it. Inertia
 /// and damping cause 0.02 at the usual speeds.
 const EQUILIBRIUM: f64 = 0.1;
+
+/// Largest median distance of the known contacts from the origin of Base, in lengths of the whisker.
+const MOST_REACH: f64 = 1.05;
+
+/// Number of intervals of the undeflected whisker with whose points the direction of a contact is compared.
+const POINTS: usize = 20;
 
 /// A row of the registry of tests.
 pub struct SpatialTest {
@@ -31,6 +39,9 @@ pub const SPATIAL_TESTS: &[SpatialTest] = &[
     SpatialTest { name: "rate", about: "rate_hz against the times", find: rate },
     SpatialTest { name: "velocity", about: "velocity against finite differences of the positions", find: velocity },
     SpatialTest { name: "angular velocity", about: "angular velocity against finite differences of the quaternions", find: angular },
+    SpatialTest { name: "travel", about: "speed of the base, jumps of its position and its travel in one touch", find: travel },
+    SpatialTest { name: "reach", about: "distance and direction of the known contacts from the root against the whisker", find: reach },
+    SpatialTest { name: "strength", about: "bending moment against the largest deflection that the whisker withstands", find: strength },
     SpatialTest { name: "rotation", about: "moment against the rotation of the root and its springs", find: rotation },
     SpatialTest { name: "equilibrium", about: "moment against that of the true contact force about the root", find: equilibrium },
 ];
@@ -101,6 +112,72 @@ fn compared(
     (is_moving && apart > TOLERANCE * TOLERANCE * size).then(|| (apart / size).sqrt())
 }
 
+/// Bounds the speed of the base, the steps of its position and its travel during one touch.
+fn travel(trace: &SpatialTrace) -> Option<Finding> {
+    let threshold_n_m = TOUCHING * largest_bending(trace);
+    let bending = |instant: &SpatialInstant| Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m);
+    let travel = |pair: &[SpatialInstant]| {
+        let (before, now) = (bending(&pair[0]), bending(&pair[1]));
+        let pressing = before.norm().min(now.norm()) > threshold_n_m;
+        Travel {
+            time_s: pair[1].t_s - pair[0].t_s,
+            step_m: (pair[1].base.position - pair[0].base.position).norm(),
+            touches: pressing && before.dot(&now) > 0.0,
+        }
+    };
+    let travels: Vec<Travel> = trace.recording.instants.windows(2).map(travel).collect();
+    travelled("base_x_m, base_y_m, base_z_m", &travels, trace.sidecar.whisker.length_m, trace.sidecar.rate_hz)
+}
+
+/// Compares the known contacts, seen from the root, with the length and the direction of the whisker.
+fn reach(trace: &SpatialTrace) -> Option<Finding> {
+    let known = trace.recording.instants.iter().zip(&trace.truth.instants).filter_map(|(instant, truth)| {
+        let from_root = truth.contact_m()? - instant.base.position;
+        Some(instant.base.rotation.inverse() * from_root)
+    });
+    let contacts: Vec<Vector3<f64>> = known.collect();
+    let mut distances: Vec<f64> = contacts.iter().map(Vector3::norm).collect();
+    let distance_m = median(&mut distances)?;
+    let whisker = &trace.sidecar.whisker;
+    if distance_m > MOST_REACH * whisker.length_m {
+        return Some(Finding {
+            place: "truth_contact_x_m, truth_contact_y_m, truth_contact_z_m",
+            found: format!("contacts {:.3} mm from the origin of Base (median)", 1e3 * distance_m),
+            expected: format!(
+                "at most the whisker's length of {:.3} mm and {:.0} %",
+                1e3 * whisker.length_m,
+                100.0 * (MOST_REACH - 1.0)
+            ),
+            looks_like: "the contacts or the poses are in another unit or frame".into(),
+        });
+    }
+    let rest = whisker.rest_shape();
+    let point = |i: usize| rest.point(whisker.length_m * i as f64 / POINTS as f64).vector();
+    let points: Vec<Vector3<f64>> = (1..=POINTS).map(|i| Vector3::new(point(i).x, point(i).y, 0.0)).collect();
+    let is_behind = |contact: &&Vector3<f64>| points.iter().all(|point| point.dot(contact) < 0.0);
+    let behind = contacts.iter().filter(is_behind).count();
+    (2 * behind > contacts.len()).then(|| Finding {
+        place: "base_qw, base_qx, base_qy, base_qz",
+        found: format!("{behind} of {} known contacts behind the root, seen in Base", contacts.len()),
+        expected: "contacts at most a right angle away from the undeflected whisker".into(),
+        looks_like: "the quaternions are inverted or not in the order w, x, y, z, or the contacts or the poses are in another frame"
+            .into(),
+    })
+}
+
+/// Compares the bending moment with the rotation of the root and the strain of the wire that it causes.
+fn strength(trace: &SpatialTrace) -> Option<Finding> {
+    let suspension = trace.sidecar.suspension;
+    let stiffness_n_m_rad = suspension.yaw_n_m_rad.max(suspension.pitch_n_m_rad);
+    withstood("moment_y_n_m, moment_z_n_m", largest_bending(trace), &trace.sidecar.whisker, stiffness_n_m_rad)
+}
+
+/// Largest bending moment of a trace without single outliers.
+fn largest_bending(trace: &SpatialTrace) -> f64 {
+    let size = |instant: &SpatialInstant| instant.moment_y_n_m.hypot(instant.moment_z_n_m);
+    glitches::largest(&trace.recording.instants.iter().map(size).collect::<Vec<_>>())
+}
+
 /// Compares the components of the moment along the axes of the springs, which the earlier angles of the series have
 /// turned, with stiffness times angle.
 fn rotation(trace: &SpatialTrace) -> Option<Finding> {
@@ -162,14 +239,38 @@ fn largest(trace: &SpatialTrace) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_PI_2;
     use std::path::Path;
 
+    use trace::SpatialTruthInstant;
+
+    use super::super::moment::THOUSAND_TIMES_LOOK;
     use super::*;
+
+    fn golden() -> SpatialTrace {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space.csv");
+        SpatialTrace::read(&path).unwrap()
+    }
+
+    /// Findings of the golden trace with a change of every row, as a recording: without twist, rotation of the root and force.
+    fn of_recording(mut change: impl FnMut(&mut SpatialInstant, &mut SpatialTruthInstant)) -> Vec<String> {
+        let mut trace = golden();
+        for (instant, truth) in trace.recording.instants.iter_mut().zip(&mut trace.truth.instants) {
+            *instant = SpatialInstant::measured(
+                instant.t_s,
+                instant.base,
+                [instant.moment_y_n_m, instant.moment_z_n_m].into(),
+            );
+            truth.place = truth.contact_m();
+            truth.contact = None;
+            change(instant, truth);
+        }
+        spatial_findings(&trace).iter().map(ToString::to_string).collect()
+    }
 
     /// Findings of the golden trace with a change of every row.
     fn found(mut change: impl FnMut(&mut SpatialInstant)) -> Vec<&'static str> {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets/golden/space/golden_space.csv");
-        let mut trace = SpatialTrace::read(&path).unwrap();
+        let mut trace = golden();
         trace.recording.instants.iter_mut().for_each(&mut change);
         spatial_findings(&trace).into_iter().map(|finding| finding.place).collect()
     }
@@ -177,6 +278,70 @@ mod tests {
     #[test]
     fn verif_the_golden_trace_is_plausible() {
         assert_eq!(found(|_| ()), Vec::<&str>::new());
+    }
+
+    #[test]
+    fn verif_a_recording_is_plausible() {
+        assert_eq!(of_recording(|_, _| ()), Vec::<String>::new());
+    }
+
+    /// The one finding of a recording, which contains these words.
+    fn assert_finds(words: &[&str], change: impl FnMut(&mut SpatialInstant, &mut SpatialTruthInstant)) {
+        let findings = of_recording(change);
+        let [finding] = findings.as_slice() else { panic!("{findings:?}") };
+        assert!(words.iter().all(|word| finding.contains(word)), "{finding}");
+    }
+
+    #[test]
+    fn robust_moments_of_a_recording_in_newton_millimetres() {
+        assert_finds(&["moment_y_n_m, moment_z_n_m: found up to", THOUSAND_TIMES_LOOK], |instant, _| {
+            instant.moment_y_n_m *= 1e3;
+            instant.moment_z_n_m *= 1e3;
+        });
+    }
+
+    #[test]
+    fn robust_contacts_of_a_recording_in_millimetres_or_in_another_frame() {
+        let words =
+            ["truth_contact_x_m", "from the origin of Base", "expected at most the whisker's length", "another unit"];
+        assert_finds(&words, |_, truth| truth.place = truth.place.map(|place| 1e3 * place));
+        assert_finds(&words, |_, truth| truth.place = truth.place.map(|place| place + Vector3::new(0.0, 0.0, 0.2)));
+    }
+
+    #[test]
+    fn robust_positions_of_a_recording_in_millimetres() {
+        let findings = of_recording(|instant, truth| {
+            // The golden trace moves little.
+            instant.base.position *= 1e3;
+            truth.place = truth.place.map(|place| 1e3 * place);
+        });
+        assert!(findings.iter().any(|finding| finding.contains("poses look like millimetres")), "{findings:?}");
+        assert!(findings.iter().any(|finding| finding.contains("from the origin of Base")), "{findings:?}");
+    }
+
+    #[test]
+    fn robust_a_position_of_a_recording_that_jumps() {
+        assert_finds(&["base_x_m, base_y_m, base_z_m", "the position jumps"], |instant, truth| {
+            let jump = Vector3::new(0.0, 0.0, if instant.t_s > 0.5 { 0.3 } else { 0.0 });
+            instant.base.position += jump;
+            truth.place = truth.place.map(|place| place + jump);
+        });
+    }
+
+    #[test]
+    fn robust_inverted_quaternions_of_a_recording() {
+        // A sensor that is mounted at a right angle: inverted, it points the other way.
+        let mounted = UnitQuaternion::from_euler_angles(0.0, 0.0, FRAC_PI_2);
+        let turned = |instant: &mut SpatialInstant, truth: &mut SpatialTruthInstant| {
+            instant.base.position = mounted * instant.base.position;
+            instant.base.rotation = mounted * instant.base.rotation;
+            truth.place = truth.place.map(|place| mounted * place);
+        };
+        assert_eq!(of_recording(turned), Vec::<String>::new());
+        assert_finds(&["base_qw, base_qx", "behind the root", "the quaternions are inverted"], |instant, truth| {
+            turned(instant, truth);
+            instant.base.rotation = instant.base.rotation.inverse();
+        });
     }
 
     #[test]

@@ -11,7 +11,7 @@ use serde_json::Value;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use testbed::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
 use testbed::dataset::Dataset;
-use testbed::fitted_traces::check_fitted_to_all;
+use testbed::fitted_traces::{check_fitted_to_all, check_is_calibration};
 use testbed::front_end::{FrontEndConfig, SpatialFrontEnd};
 use testbed::results::{FailureRow, write_rows};
 use testbed::space::files::ESTIMATES;
@@ -24,6 +24,7 @@ use trace::{Role, SpatialCalibrationFile, SpatialSensor, SpatialSidecar, Spatial
 use whisker::space::sensor::CalibratedSpace;
 
 use super::participant::{Participant, participants};
+use crate::evaluate::calibration::OTHERS;
 use crate::participant::{Program, SpatialTask};
 
 /// Largest number of instants of a trial whose estimates a run keeps.
@@ -67,6 +68,7 @@ impl SpatialEvaluateSettings {
                 continue;
             }
             let path = folder.join(format!("{}.json", whisker.name));
+            check_is_calibration(&path, None, OTHERS)?;
             let file = read_calibration(&path)?;
             if self.calibrations.is_none() {
                 check_fitted_to_all(&path, &file, dataset)?;

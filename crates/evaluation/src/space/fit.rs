@@ -174,6 +174,9 @@ impl WhiskerFit<'_> {
             lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
         }
         let screening = is_recorded.then(|| sensor::screen(&whisker.whisker, &mut lines));
+        if let Some(screening) = &screening {
+            check_fitted(screening, &lines).with_context(place)?;
+        }
         let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
         let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
         let data = SpatialFitData {
@@ -200,6 +203,21 @@ impl WhiskerFit<'_> {
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out })
     }
+}
+
+/// Checks that the screening left at least half of the contacts. `lines` are the remaining lines.
+fn check_fitted(screening: &Screening, lines: &[Vec<SpatialSample>]) -> anyhow::Result<()> {
+    let left_out = screening.ambiguous + screening.contradicted;
+    let left: usize = lines.iter().map(Vec::len).sum();
+    if left_out > left {
+        bail!(
+            "found {left_out} of {} contacts that cannot be fitted ({}), expected at most half of them; the contacts or the \
+            poses may be in another unit or frame, or have the wrong sign: see `whisker check`",
+            left_out + left,
+            not_fitted(screening, lines).join("; ")
+        );
+    }
+    Ok(())
 }
 
 /// Contacts that the screening left out, one message per reason. `lines` are the remaining lines.

@@ -11,24 +11,32 @@ use trace::{LearntMounting, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialTrace
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge, TouchDetector};
 use whisker::space::frames::Point;
-use whisker::space::sensor::{KnownContact, Mounting};
+use whisker::space::sensor::{KnownContact, Learnt, LearntTouch, Mounting};
 
 use crate::fit::check_replaces_calibration;
 
-/// Learns the mounting of a sensor from the known contacts of traces, writes the calibration with it, in place of any earlier
-/// mounting, and returns it.
+/// Largest [`LearntTouch::disagreement`] that is accepted.
+const MOST_DISAGREEMENT: f64 = 2.0;
+
+/// Result of [`mount`].
+pub struct Mounted {
+    /// The mounting and the touches from which it was learnt.
+    pub learnt: Learnt,
+    /// Trace of each touch.
+    pub traces: Vec<String>,
+    /// Traces of the earlier mounting that was replaced. Empty if the calibration had none.
+    pub replaced: Vec<String>,
+}
+
+/// Learns the mounting of a sensor from the known contacts of traces, and writes the calibration with it, in place of any earlier
+/// mounting.
 ///
 /// # Errors
 /// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a trace
-/// states no contact, the contacts do not determine the mounting, or `out` exists and is not a calibration in space.
-pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounting> {
+/// states no contact, the contacts do not determine the mounting, the touches contradict one another, or `out` exists and is not a
+/// calibration in space.
+pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounted> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
-    let file = mounted(calibration, traces)?;
-    write_json(out, &file)?;
-    Ok(file.mounting.expect("it was learnt").deviation)
-}
-
-fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCalibrationFile> {
     let file = read_calibration(calibration)?;
     if file.sensor().is_some() {
         bail!(
@@ -45,7 +53,7 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
             bail!("{}: found the same content as {}, expected each trace once", path.display(), same.display());
         }
     }
-    let (mut touches, mut used) = (Vec::new(), 0);
+    let (mut touches, mut names) = (Vec::new(), Vec::new());
     let mut largest_sd_n_m = 0.0_f64;
     let calibrated = file.calibrated(calibration, None)?;
     for trace in &traces {
@@ -54,29 +62,49 @@ fn mounted(calibration: &Path, traces: &[PathBuf]) -> anyhow::Result<SpatialCali
         let of_trace = known_contacts(trace, &knowledge(&calibrated, noise_sd_n_m, None, trace.sidecar.rate_hz));
         if of_trace.is_empty() {
             bail!(
-                "{}: found no touch with a known contact, expected `truth_contact_x_m`, `_y_m` and `_z_m` in rows in which a \
-                touch is detected",
-                trace.sidecar.name
+                "{}: found {} rows with a known contact (`truth_contact_x_m`, `_y_m` and `_z_m`), none of them during a touch \
+                that the readings show, expected some; if there are such rows, the readings may be in another unit than N m",
+                trace.sidecar.name,
+                trace.truth.instants.iter().filter(|truth| truth.contact_m().is_some()).count()
             );
         }
-        used += of_trace.iter().map(Vec::len).sum::<usize>();
+        names.extend(of_trace.iter().map(|_| trace.sidecar.name.clone()));
         largest_sd_n_m = largest_sd_n_m.max(noise_sd_n_m);
         touches.extend(of_trace);
     }
-    let deviation = Mounting::learnt(&calibrated, &touches, largest_sd_n_m).with_context(|| {
+    let learnt = Mounting::learnt(&calibrated, &touches, largest_sd_n_m).with_context(|| {
         format!(
-            "{}: found too few of the {used} known contacts within the calibrated domain, expected at least {} whose readings a \
-            mounting explains",
-            calibration.display(),
-            Mounting::LEAST_CONTACTS
+            "{}: found {} known contacts, of which fewer than {} lie in the calibrated domain of {} and agree with one mounting; a \
+            unit, a sign or a frame of the contacts, poses or readings may be wrong",
+            names.join(", "),
+            touches.iter().map(Vec::len).sum::<usize>(),
+            Mounting::LEAST_CONTACTS,
+            calibration.display()
         )
     })?;
+    check_agreement(&learnt, &names)?;
     let mounting = LearntMounting {
-        deviation,
+        deviation: learnt.mounting,
         traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
         data_sha256: data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256())),
     };
-    Ok(SpatialCalibrationFile { mounting: Some(mounting), ..file })
+    let replaced = file.mounting.map(|before| before.traces).unwrap_or_default();
+    write_json(out, &SpatialCalibrationFile { mounting: Some(mounting), ..file })?;
+    Ok(Mounted { learnt, traces: names, replaced })
+}
+
+/// Refuses touches of which one contradicts the mounting by the others.
+fn check_agreement(learnt: &Learnt, traces: &[String]) -> anyhow::Result<()> {
+    let disagreement = |touch: &LearntTouch| touch.disagreement.unwrap_or_default();
+    let touches = learnt.touches.iter().zip(traces).max_by(|a, b| disagreement(a.0).total_cmp(&disagreement(b.0)));
+    let Some((worst, name)) = touches.filter(|(worst, _)| disagreement(worst) > MOST_DISAGREEMENT) else {
+        return Ok(());
+    };
+    bail!(
+        "{name}: found a touch whose residuals with the mounting by the other touches are {:.1} times their standard deviations, \
+        expected at most {MOST_DISAGREEMENT}: its known place may be wrong, or that of another touch",
+        disagreement(worst)
+    );
 }
 
 /// Known single contacts on the side of the whisker during the touches that the contact detector finds, one list per touch. The
@@ -101,4 +129,34 @@ fn known_contacts(trace: &SpatialTrace, knowledge: &Knowledge) -> Vec<Vec<KnownC
         touch.push(KnownContact { contact, reading_n_m: sample.reading_n_m });
     }
     touches
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix6, Vector3};
+
+    use super::*;
+
+    #[test]
+    fn robust_touches_that_contradict_one_another_are_refused() {
+        let with = |disagreements: &[Option<f64>]| {
+            let touch = |disagreement: &Option<f64>| LearntTouch {
+                contacts: 40,
+                used: 40,
+                residuals_n_m: [1e-6, 1e-7],
+                disagreement: *disagreement,
+            };
+            let covariance = Matrix6::identity() * 1e-8;
+            Learnt {
+                mounting: Mounting { shift_m: Vector3::zeros(), turn_rad: Vector3::zeros(), covariance },
+                touches: disagreements.iter().map(touch).collect(),
+            }
+        };
+        let names = ["near", "far", "off"].map(String::from);
+        for agreeing in [&[None][..], &[Some(0.9), Some(1.9), None]] {
+            assert!(check_agreement(&with(agreeing), &names).is_ok());
+        }
+        let error = check_agreement(&with(&[Some(2.1), Some(1.0), Some(7.34)]), &names).unwrap_err().to_string();
+        assert!(error.starts_with("off: ") && error.contains("are 7.3 times") && error.contains("expected at most 2"));
+    }
 }

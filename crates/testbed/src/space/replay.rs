@@ -18,7 +18,7 @@ use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
-use crate::fitted_traces::check_fitted_traces;
+use crate::fitted_traces::{above_calibrations, check_fitted_traces, check_is_calibration};
 use crate::settings::SettingsOf;
 
 /// The registry's row of this name.
@@ -35,8 +35,11 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
 /// Reads a calibration in space whose traces have not changed since the fit.
 ///
 /// # Errors
-/// If the file cannot be read, or its traces have changed, see [`check_fitted_traces`].
+/// If there is no such file, it cannot be read, or its traces have changed, see [`check_fitted_traces`].
 pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
+    let folder =
+        above_calibrations(path).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
+    check_is_calibration(path, folder, "another by --calibration")?;
     let calibration = SpatialCalibrationFile::read(path)?;
     check_fitted_traces(path, &calibration)?;
     Ok(calibration)

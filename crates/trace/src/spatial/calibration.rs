@@ -7,7 +7,6 @@ use files::{Error, Watermark, read_json, sha256};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use whisker::Whisker;
-use whisker::sensor::ModelError;
 use whisker::space::sensor::{
     CalibratedSpace, Mounting, READINGS, SPATIAL_MODELS, SpatialDomain, SpatialErrorMap, SpatialFit, SpatialRegion,
     SpatialWhisker, spatial_model,
@@ -16,7 +15,7 @@ use whisker::space::sensor::{
 use super::sidecar::{check_whisker, other_format};
 use super::{SPATIAL_FORMAT, SpatialFrontEndFile, SpatialSensor, StatedSuspension};
 use crate::FittedData;
-use crate::calibration::MOST_NOISE;
+use crate::calibration::{MOST_NOISE, model_not_stored};
 use crate::sidecar::plain_name;
 
 /// Calibration file in space.
@@ -203,9 +202,7 @@ impl SpatialCalibrationFile {
         })?;
         let whisker = self.spatial_whisker();
         let region = SpatialRegion { whisker: &whisker, domain: &self.domain };
-        let not_stored =
-            |error: ModelError| Error::value(path, key("model"), &model.model, format!("a stored model ({error})"));
-        let loaded = (row.load)(&region, &model.model).map_err(not_stored)?;
+        let loaded = (row.load)(&region, &model.model).map_err(|error| model_not_stored(path, key("model"), &error))?;
         if loaded.label() != model.label {
             return Err(Error::value(path, key("label"), format!("`{}`", model.label), loaded.label()));
         }

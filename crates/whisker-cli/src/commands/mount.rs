@@ -3,17 +3,23 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use evaluation::space::mount::mount;
+use evaluation::space::mount::{Mounted, mount};
 use nalgebra::Vector3;
+use trace::SpatialCalibrationFile;
+use whisker::space::sensor::{Learnt, LearntTouch};
 
 use super::output::reserve;
 use super::played::check_trace;
 use super::{print, table};
 
+/// Size of a deviation, in standard deviations, above which it is noted.
+const UNEXPECTED: f64 = 2.0;
+
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
 ///
-/// Writes the calibration with the deviation of the mounting, for which all estimators then correct, and prints the deviation with
-/// its standard deviations. The traces contain the contacts in the columns truth_contact_x_m, _y_m and _z_m.
+/// Writes the calibration with the deviation of the mounting, for which all estimators then correct, in place of an earlier mounting.
+/// Prints the deviation with its standard deviations, and how well it explains each touch. The traces contain the contacts in the
+/// columns truth_contact_x_m, _y_m and _z_m.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Traces in space with touches at known places (.csv, the sidecar of each beside it)
@@ -32,7 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     traces.iter().try_for_each(|trace| check_trace(trace))?;
     let inputs: Vec<PathBuf> = traces.iter().chain([calibration]).cloned().collect();
     let _lock = reserve(out, &inputs)?;
-    let learnt = mount(calibration, traces, out)?;
+    let Mounted { learnt: Learnt { mounting: learnt, touches }, traces, replaced } = mount(calibration, traces, out)?;
     let sds = learnt.covariance.diagonal().map(f64::sqrt);
     let row = |what: &str, unit: &str, value: Vector3<f64>, sd: Vector3<f64>| {
         let cells = value.iter().zip(&sd).map(|(value, sd)| format!("{value:.3} +- {sd:.3}"));
@@ -43,6 +49,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         row("rotation", "deg", learnt.turn_rad.map(f64::to_degrees), sds.fixed_rows::<3>(3).map(f64::to_degrees)),
     ];
     print(&table::render(&["deviation", "x", "y", "z"], &rows, 1))?;
+    let largest_n_m = SpatialCalibrationFile::read(calibration)?.largest_reading_n_m;
+    let of_touch = |(touch, trace): (&LearntTouch, &String)| {
+        let [before, after] =
+            touch.residuals_n_m.map(|residual_n_m| format!("{:.2} %", 100.0 * residual_n_m / largest_n_m));
+        vec![trace.clone(), touch.used.to_string(), touch.contacts.to_string(), before, after]
+    };
+    let of_touches: Vec<_> = touches.iter().zip(&traces).map(of_touch).collect();
+    print(&table::render(&["touch", "contacts used", "of", "residual before", "after"], &of_touches, 1))?;
+    if learnt.size() > UNEXPECTED {
+        eprintln!(
+            "the mounting deviates by {:.1} times the standard deviations that are expected of a remounted sensor (1 mm and 1.7 \
+            degrees): a known place, a unit or a frame may be wrong",
+            learnt.size()
+        );
+    }
+    if !replaced.is_empty() {
+        eprintln!("replaced: the mounting learnt from {}", replaced.join(", "));
+    }
     print(&format!("{}\n", out.display()))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::dataset::calibrations;
-use testbed::fitted_traces::check_fitted_traces;
+use testbed::fitted_traces::{check_fitted_traces, check_is_calibration};
 use testbed::front_end::{FrontEnd, Mounting, Reader, Reading, SpatialFrontEnd};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
@@ -221,13 +221,8 @@ pub(super) fn check_trace(path: &Path) -> anyhow::Result<()> {
 
 /// Reads a calibration whose traces have not changed since the fit.
 pub(super) fn read_calibration(path: &Path, beside_trace: &Path) -> anyhow::Result<CalibrationFile> {
-    if !path.is_file() {
-        bail!(
-            "{}: no such calibration; make it by `whisker fit {}`, with the same --front-end, or name another by --calibration",
-            path.display(),
-            if beside_trace.as_os_str().is_empty() { Path::new(".") } else { beside_trace }.display()
-        );
-    }
+    let folder = if beside_trace.as_os_str().is_empty() { Path::new(".") } else { beside_trace };
+    check_is_calibration(path, Some(folder), "another by --calibration")?;
     let calibration = CalibrationFile::read(path)?;
     check_fitted_traces(path, &calibration)?;
     Ok(calibration)

@@ -20,6 +20,7 @@ use testbed::space::replay::{calibrated, knowledge, read_calibration, replay, sa
 use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::{SpatialEstimateRow, largest_reading_n_m, spatial_estimate_row};
 use trace::{Sidecar, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, Trace, is_spatial};
+use whisker::ReadingGate;
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
@@ -183,7 +184,14 @@ pub(super) fn replay_in_space(
         Some(out) => write_atomically(out, &csv_bytes(&rows)?)?,
         None => print(&String::from_utf8(csv_bytes(&rows)?)?)?,
     }
-    if replayed.steps_us.is_empty() {
+    let gate = ReadingGate::new(knowledge.calibrated.largest_reading_n_m);
+    let is_gated = |reading: &&Vector2<f64>| !reading.iter().all(|moment_n_m| gate.admits(*moment_n_m));
+    let gated = readings_n_m.iter().filter(is_gated).count();
+    if gated > 0 {
+        let most_n_m = gate.most_n_m();
+        eprintln!("gated: {gated} of {} readings, beyond the largest plausible one, {most_n_m:.2e} N m", rows.len());
+    }
+    if replayed.estimates.iter().all(Option::is_none) {
         eprintln!(
             "no estimates: no touch was detected in {} rows, or its contact lies outside the calibration",
             rows.len()

@@ -61,7 +61,23 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let axis = Axis::new(&data.whisker.whisker, data.across);
     let all: Vec<SpatialSample> = data.lines.concat();
     let around: Vec<Around> = all.iter().map(|sample| Around::of(&axis, sample.contact)).collect();
-    let domain = SpatialDomain::covering(&around, data.across).ok_or_else(|| {
+    let domain = SpatialDomain::covering(&around, data.across);
+    let length_m = data.whisker.whisker.length_m;
+    let away_m = around.iter().map(|at| at.away_m()).fold(0.0, f64::max);
+    if away_m > length_m || domain.as_ref().is_some_and(|domain| !domain.is_valid(length_m)) {
+        let low_m = around.iter().map(|at| at.along_m).fold(f64::INFINITY, f64::min);
+        let high_m = around.iter().map(|at| at.along_m).fold(f64::NEG_INFINITY, f64::max);
+        return Err(ModelError::Data(format!(
+            "the calibration's contacts are not those of a whisker of {:.3} mm: found contacts up to {:.3} mm away from the \
+            undeflected whisker, at {:.3} mm to {:.3} mm along it, expected both within its length; the coordinates of the \
+            contacts, or the poses, may be in another unit than metres",
+            1e3 * length_m,
+            1e3 * away_m,
+            1e3 * low_m,
+            1e3 * high_m
+        )));
+    }
+    let domain = domain.ok_or_else(|| {
         let most_mm = 1e3 * around.iter().map(|at| at.up_m.abs()).fold(0.0, f64::max);
         ModelError::Data(format!(
             "the calibration's contacts do not surround the whisker: found contacts up to {most_mm:.3} mm out of its plane, \

@@ -43,7 +43,7 @@ pub use error::SpatialErrorMap;
 pub(crate) use error::exponential;
 pub use fit::{SpatialFit, SpatialFitData, fit};
 pub use geometry::{Directions, Geometry};
-pub use mounting::{KnownContact, Mounting};
+pub use mounting::{KnownContact, Learnt, LearntTouch, Mounting};
 pub use screening::{Screening, screen};
 
 /// Names of the readings, in order, as in the columns of a trace in space.

@@ -56,6 +56,30 @@ pub struct Mounting {
     pub covariance: Matrix6<f64>,
 }
 
+/// A mounting that was learnt from touches, and how well it explains each of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learnt {
+    /// The mounting.
+    pub mounting: Mounting,
+    /// One entry per touch, in their order.
+    pub touches: Vec<LearntTouch>,
+}
+
+/// A touch at a known place, from which a mounting was learnt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LearntTouch {
+    /// Number of contacts that were compared: those up to the largest reading, at most 40, evenly spaced.
+    pub contacts: usize,
+    /// Number of these that are in the calibrated domain and agree with the mounting.
+    pub used: usize,
+    /// Root mean square residual of the readings of the used contacts (N m), each moment, with the nominal mounting and with the one
+    /// that was learnt.
+    pub residuals_n_m: [f64; 2],
+    /// Root mean square of the residuals with the mounting that follows from the other touches, over their standard deviations, which
+    /// include that of this mounting. 1 is expected. `None` if there are no other touches, or if they determine none.
+    pub disagreement: Option<f64>,
+}
+
 impl Mounting {
     /// Smallest number of contacts that determine a mounting.
     pub const LEAST_CONTACTS: usize = 6;
@@ -63,45 +87,28 @@ impl Mounting {
     /// The mounting that explains touches at known places, each with its contacts in order of time. `noise_sd_n_m` is the standard
     /// deviation of the measurement noise of each moment. `None` if fewer than [`Self::LEAST_CONTACTS`] contacts in the calibrated
     /// domain agree with one mounting, or if a covariance is singular. A mounting of `calibrated` is ignored.
-    pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Self> {
-        let calibrated = &CalibratedSpace { mounting: None, ..calibrated.clone() };
-        // Without noise, the readings of repeated contacts would have a singular covariance.
-        let noise_sd_n_m = noise_sd_n_m.max(LEAST_NOISE * calibrated.largest_reading_n_m);
-        let touches: Vec<Vec<KnownContact>> = touches.iter().map(|touch| thinned(touch)).collect();
-        let prior = Vector6::new(SHIFT_SD_M, SHIFT_SD_M, SHIFT_SD_M, TURN_SD_RAD, TURN_SD_RAD, TURN_SD_RAD);
-        let weights = prior.map(|sd| 1.0 / (sd * sd));
-        let mut found = Self {
-            shift_m: Vector3::zeros(),
-            turn_rad: Vector3::zeros(),
-            covariance: Matrix6::from_diagonal(&prior.component_mul(&prior)),
+    pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Learnt> {
+        let data = Touches {
+            calibrated: &CalibratedSpace { mounting: None, ..calibrated.clone() },
+            // Without noise, the readings of repeated contacts would have a singular covariance.
+            noise_sd_n_m: noise_sd_n_m.max(LEAST_NOISE * calibrated.largest_reading_n_m),
+            touches: touches.iter().map(|touch| thinned(touch)).collect(),
         };
-        for _ in 0..ITERATIONS {
-            let mut normal = Matrix6::from_diagonal(&weights);
-            let mut gradient = -found.vector().component_mul(&weights);
-            let mut used = 0;
-            for touch in &touches {
-                let rows = found.rows(calibrated, touch, noise_sd_n_m, &prior);
-                used += rows.len();
-                let covariance = joint(&rows, calibrated, noise_sd_n_m);
-                let jacobian = DMatrix::from_fn(2 * rows.len(), 6, |i, j| rows[i / 2].slopes[(i % 2, j)]);
-                let residual = DVector::from_fn(2 * rows.len(), |i, _| rows[i / 2].residual_n_m[i % 2]);
-                let factor = covariance.cholesky()?;
-                let solved = factor.solve(&jacobian);
-                normal += (jacobian.transpose() * &solved).fixed_view::<6, 6>(0, 0);
-                gradient += (solved.transpose() * residual).fixed_rows::<6>(0);
-            }
-            if used < Self::LEAST_CONTACTS {
-                return None;
-            }
-            let factor = normal.cholesky()?;
-            let next = found.vector() + factor.solve(&gradient);
-            found = Self {
-                shift_m: next.fixed_rows::<3>(0).into_owned(),
-                turn_rad: next.fixed_rows::<3>(3).into_owned(),
-                covariance: symmetric(&factor.inverse()),
-            };
-        }
-        Some(found)
+        let mounting = data.mounting(None)?;
+        let touches = (0..touches.len()).map(|touch| data.explained(&mounting, touch)).collect();
+        Some(Learnt { mounting, touches })
+    }
+
+    /// The nominal mounting, with the covariance of the deviations that are expected of a remounted sensor.
+    fn prior() -> Self {
+        let variances = Vector6::from_fn(|axis, _| if axis < 3 { SHIFT_SD_M.powi(2) } else { TURN_SD_RAD.powi(2) });
+        Self { shift_m: Vector3::zeros(), turn_rad: Vector3::zeros(), covariance: Matrix6::from_diagonal(&variances) }
+    }
+
+    /// The largest of the deviations along and about the axes, over the standard deviations that are expected of a remounted sensor:
+    /// 1 mm and 30 mrad.
+    pub fn size(&self) -> f64 {
+        self.vector().component_div(&Self::prior().covariance.diagonal().map(f64::sqrt)).amax()
     }
 
     fn vector(&self) -> Vector6<f64> {
@@ -131,36 +138,126 @@ impl Mounting {
         let by_turn = direction.cross_matrix();
         by_turn * self.covariance.fixed_view::<3, 3>(3, 3) * by_turn.transpose()
     }
+}
 
-    /// Residuals of the contacts of a touch within the calibrated domain, with their derivatives by shift and turn, without those
-    /// that even the prior of the mounting, its standard deviations, does not explain.
-    fn rows(
-        &self,
-        calibrated: &CalibratedSpace,
-        touch: &[KnownContact],
-        noise_sd_n_m: f64,
-        prior: &Vector6<f64>,
-    ) -> Vec<Row> {
-        let pose = self.pose();
-        let row = |known: &KnownContact| {
-            let contact = pose.apply(known.contact);
-            let predicted = calibrated.predict(contact)?;
-            let residual_n_m = known.reading_n_m - predicted.reading_n_m;
-            let model = calibrated.model_covariance_n2_m2(calibrated.around(contact));
-            let factor = model.cholesky()?.l();
-            let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2) + noise_sd_n_m.powi(2);
-            let slopes = predicted.gradient_n * by_motion(contact.vector() - self.shift_m);
-            let by_prior = slopes * Matrix6::from_diagonal(prior);
-            let single = model + Matrix2::identity() * rest_n2_m2 + by_prior * by_prior.transpose();
-            let square = residual_n_m.dot(&single.cholesky()?.solve(&residual_n_m));
-            (square <= OUTLIER).then_some(Row { contact, residual_n_m, slopes, factor })
+/// Touches at known places with a sensor.
+struct Touches<'a> {
+    calibrated: &'a CalibratedSpace,
+    noise_sd_n_m: f64,
+    touches: Vec<Vec<KnownContact>>,
+}
+
+impl Touches<'_> {
+    /// The mounting that explains all touches but `without`. `None` as by [`Mounting::learnt`].
+    fn mounting(&self, without: Option<usize>) -> Option<Mounting> {
+        let mut found = Mounting::prior();
+        let weights = found.covariance.diagonal().map(|variance| 1.0 / variance);
+        for _ in 0..ITERATIONS {
+            let mut normal = Matrix6::from_diagonal(&weights);
+            let mut gradient = -found.vector().component_mul(&weights);
+            let mut used = 0;
+            for (_, touch) in self.touches.iter().enumerate().filter(|(i, _)| Some(*i) != without) {
+                let rows = self.rows(&found, touch);
+                used += rows.len();
+                let covariance = self.joint(&rows);
+                let (jacobian, residual) = stacked(&rows);
+                let factor = covariance.cholesky()?;
+                let solved = factor.solve(&jacobian);
+                normal += (jacobian.transpose() * &solved).fixed_view::<6, 6>(0, 0);
+                gradient += (solved.transpose() * residual).fixed_rows::<6>(0);
+            }
+            if used < Mounting::LEAST_CONTACTS {
+                return None;
+            }
+            let factor = normal.cholesky()?;
+            let next = found.vector() + factor.solve(&gradient);
+            found = Mounting {
+                shift_m: next.fixed_rows::<3>(0).into_owned(),
+                turn_rad: next.fixed_rows::<3>(3).into_owned(),
+                covariance: symmetric(&factor.inverse()),
+            };
+        }
+        Some(found)
+    }
+
+    /// How well a mounting explains a touch.
+    fn explained(&self, mounting: &Mounting, touch: usize) -> LearntTouch {
+        let contacts = &self.touches[touch];
+        let rows = self.rows(mounting, contacts);
+        let used: Vec<KnownContact> = rows.iter().map(|row| row.known).collect();
+        let residual_n_m = |rows: &[Row]| {
+            let squares = rows.iter().map(|row| row.residual_n_m.norm_squared()).sum::<f64>();
+            (squares / (2 * rows.len().max(1)) as f64).sqrt()
         };
-        touch.iter().filter_map(row).collect()
+        let residuals_n_m = [residual_n_m(&self.rows(&Mounting::prior(), &used)), residual_n_m(&rows)];
+        let disagreement =
+            self.mounting(Some(touch)).and_then(|by_others| self.disagreement(&by_others, &self.touches[touch]));
+        LearntTouch { contacts: contacts.len(), used: rows.len(), residuals_n_m, disagreement }
+    }
+
+    /// [`LearntTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated domain.
+    fn disagreement(&self, by_others: &Mounting, touch: &[KnownContact]) -> Option<f64> {
+        let rows: Vec<Row> = touch.iter().filter_map(|known| self.row(by_others, known)).collect();
+        let (jacobian, residual) = stacked(&rows);
+        let covariance = self.joint(&rows) + &jacobian * by_others.covariance * jacobian.transpose();
+        let square = residual.dot(&covariance.cholesky()?.solve(&residual));
+        (!rows.is_empty()).then(|| (square / residual.len() as f64).sqrt())
+    }
+
+    /// Residual of a contact, with its derivatives by shift and turn. `None` outside the calibrated domain.
+    fn row(&self, mounting: &Mounting, known: &KnownContact) -> Option<Row> {
+        let contact = mounting.pose().apply(known.contact);
+        let predicted = self.calibrated.predict(contact)?;
+        let residual_n_m = known.reading_n_m - predicted.reading_n_m;
+        let model_n2_m2 = self.calibrated.model_covariance_n2_m2(self.calibrated.around(contact));
+        let factor = model_n2_m2.cholesky()?.l();
+        let slopes = predicted.gradient_n * by_motion(contact.vector() - mounting.shift_m);
+        Some(Row { known: *known, contact, residual_n_m, slopes, factor })
+    }
+
+    /// The residuals of the contacts of a touch within the calibrated domain, without those that even the prior of the mounting, its
+    /// standard deviations, does not explain.
+    fn rows(&self, mounting: &Mounting, touch: &[KnownContact]) -> Vec<Row> {
+        let prior = Mounting::prior().covariance;
+        let agrees = |row: &Row| {
+            let single = row.factor * row.factor.transpose()
+                + Matrix2::identity() * (self.rest_n2_m2() + self.noise_sd_n_m.powi(2))
+                + row.slopes * prior * row.slopes.transpose();
+            let square = single.cholesky().map(|factor| row.residual_n_m.dot(&factor.solve(&row.residual_n_m)));
+            square.is_some_and(|square| square <= OUTLIER)
+        };
+        touch.iter().filter_map(|known| self.row(mounting, known)).filter(agrees).collect()
+    }
+
+    /// Variance of the drift of the rest reading.
+    fn rest_n2_m2(&self) -> f64 {
+        (REST_SD * self.calibrated.largest_reading_n_m).powi(2)
+    }
+
+    /// Joint covariance of the readings of one touch.
+    fn joint(&self, rows: &[Row]) -> DMatrix<f64> {
+        let mut covariance = DMatrix::zeros(2 * rows.len(), 2 * rows.len());
+        for (i, one) in rows.iter().enumerate() {
+            for (j, other) in rows.iter().enumerate() {
+                let shared = match self.calibrated.error.correlation_m {
+                    Some(length_m) => exponential(one.contact.distance(&other.contact), length_m),
+                    None => f64::from(u8::from(i == j)),
+                };
+                let mut block = one.factor * other.factor.transpose() * shared;
+                for axis in 0..2 {
+                    block[(axis, axis)] += self.rest_n2_m2() + if i == j { self.noise_sd_n_m.powi(2) } else { 0.0 };
+                }
+                covariance.fixed_view_mut::<2, 2>(2 * i, 2 * j).copy_from(&block);
+            }
+        }
+        covariance
     }
 }
 
 /// Residual of a contact, its derivatives with respect to the mounting, and the Cholesky factor of the model error's covariance.
 struct Row {
+    known: KnownContact,
+    /// The contact in the Base of the calibration.
     contact: Point<Base>,
     residual_n_m: Vector2<f64>,
     slopes: Matrix2x6<f64>,
@@ -175,24 +272,11 @@ fn by_motion(turned_m: Vector3<f64>) -> Matrix3x6<f64> {
     slopes
 }
 
-/// Joint covariance of the readings of one touch.
-fn joint(rows: &[Row], calibrated: &CalibratedSpace, noise_sd_n_m: f64) -> DMatrix<f64> {
-    let rest_n2_m2 = (REST_SD * calibrated.largest_reading_n_m).powi(2);
-    let mut covariance = DMatrix::zeros(2 * rows.len(), 2 * rows.len());
-    for (i, one) in rows.iter().enumerate() {
-        for (j, other) in rows.iter().enumerate() {
-            let shared = match calibrated.error.correlation_m {
-                Some(length_m) => exponential(one.contact.distance(&other.contact), length_m),
-                None => f64::from(u8::from(i == j)),
-            };
-            let mut block = one.factor * other.factor.transpose() * shared;
-            for axis in 0..2 {
-                block[(axis, axis)] += rest_n2_m2 + if i == j { noise_sd_n_m.powi(2) } else { 0.0 };
-            }
-            covariance.fixed_view_mut::<2, 2>(2 * i, 2 * j).copy_from(&block);
-        }
-    }
-    covariance
+/// Derivatives and residuals of all contacts of a touch, two rows each.
+fn stacked(rows: &[Row]) -> (DMatrix<f64>, DVector<f64>) {
+    let jacobian = DMatrix::from_fn(2 * rows.len(), 6, |i, j| rows[i / 2].slopes[(i % 2, j)]);
+    let residual = DVector::from_fn(2 * rows.len(), |i, _| rows[i / 2].residual_n_m[i % 2]);
+    (jacobian, residual)
 }
 
 /// Symmetric part of a matrix, to remove rounding errors.
