@@ -120,7 +120,7 @@ impl Kind for Spatial {
     }
 
     fn admits(&self, reading_n_m: &Vector2<f64>) -> bool {
-        reading_n_m.iter().all(|moment_n_m| self.gate.admits(*moment_n_m))
+        self.gate.admits_both(reading_n_m)
     }
 
     fn push(

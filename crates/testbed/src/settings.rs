@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use anyhow::bail;
+use anyhow::{Context, anyhow, bail};
 use serde_json::Value;
 use whisker::estimators::with_defaults;
 
@@ -26,4 +26,22 @@ pub fn merged(defaults: Value, overrides: &Value) -> anyhow::Result<Value> {
         bail!("settings: found {overrides}, expected a JSON object");
     };
     Ok(with_defaults(overrides, defaults))
+}
+
+/// Settings of an estimator merged with their defaults.
+///
+/// # Errors
+/// If the settings are not a JSON object, with the context [`SettingsOf`].
+pub fn merged_of(name: &str, defaults: Value, overrides: &Value) -> anyhow::Result<Value> {
+    merged(defaults, overrides).with_context(|| SettingsOf(name.into()))
+}
+
+/// Checks that settings are given only for estimators of the run.
+///
+/// # Errors
+/// If they are given for another one, with the context [`SettingsOf`].
+pub fn check_configured<'a>(mut names: impl Iterator<Item = &'a String>, estimators: &[String]) -> anyhow::Result<()> {
+    let Some(name) = names.find(|name| !estimators.contains(name)) else { return Ok(()) };
+    let known = estimators.join(", ");
+    Err(anyhow!("found for no estimator of the run, expected one of: {known}").context(SettingsOf(name.clone())))
 }

@@ -1,5 +1,7 @@
 //! Gate of readings that no contact explains, such as a glitch of the sensor or of its bus.
 
+use nalgebra::Vector2;
+
 /// Largest plausible reading relative to the largest calibrated one. Objects may push a whisker farther than its
 /// calibration did, but not by a multiple; glitches are orders of magnitude larger.
 const MOST_OVER_CALIBRATED: f64 = 10.0;
@@ -25,6 +27,11 @@ impl ReadingGate {
     /// Whether a reading is finite and within the gate.
     pub fn admits(&self, reading_n_m: f64) -> bool {
         reading_n_m.abs() <= self.most_n_m
+    }
+
+    /// Whether both bending moments of a reading in space (N m), 2x1, are finite and within the gate.
+    pub fn admits_both(&self, reading_n_m: &Vector2<f64>) -> bool {
+        reading_n_m.iter().all(|moment_n_m| self.admits(*moment_n_m))
     }
 }
 

@@ -16,7 +16,7 @@ use whisker::frames::{Base, World};
 use whisker::rod::{Rod, SpatialContact, SpatialDeflection};
 use whisker::space::estimators::{Estimate, Knowledge, SPATIAL_ESTIMATORS, Sample, spatial_estimator};
 use whisker::space::frames::{Point, Pose};
-use whisker::space::sensor::{Around, CalibratedSpace, KnownContact, LearntTouch, Mounting, SpatialErrorMap};
+use whisker::space::sensor::{Around, CalibratedSpace, FittedTouch, KnownContact, Mounting, SpatialErrorMap};
 
 use space_world::{RATE_HZ, knowledge};
 
@@ -471,7 +471,8 @@ fn verif_touches_at_known_places_determine_the_mounting() {
         (60..500).step_by(5).map(contact).collect::<Vec<_>>()
     };
     let learnt = Mounting::learnt(&STRAIGHT.calibrated, &[known(0.042), known(0.056)], 0.0).unwrap();
-    for LearntTouch { contacts, used, residuals_n_m: [before_n_m, after_n_m], disagreement } in learnt.touches {
+    for FittedTouch { contacts, used, residuals_n_m, disagreement } in learnt.touches {
+        let [before_n_m, after_n_m] = residuals_n_m.unwrap();
         assert!((Mounting::LEAST_CONTACTS..=contacts).contains(&used) && contacts <= 40, "{used} {contacts}");
         assert!(
             after_n_m < 0.1 * before_n_m && disagreement.unwrap() < 1.5,

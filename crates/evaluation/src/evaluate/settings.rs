@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, ensure};
+use anyhow::ensure;
 use serde_json::Value;
 use testbed::encoders::Encoders;
 use testbed::front_end::FrontEndConfig;
 use testbed::map::MapConfig;
 use testbed::noise::NoiseUnit;
 use testbed::results::{FailureRow, ResultsKind, SummaryRow};
-use testbed::settings::SettingsOf;
+use testbed::settings::check_configured;
 use trace::{Miscalibration, is_plain_name};
 use whisker::estimators::ESTIMATORS;
 use whisker::events::TouchConfig;
@@ -118,11 +118,7 @@ impl EvaluateSettings {
     pub(super) fn participants(&self) -> anyhow::Result<Vec<Box<dyn Participant>>> {
         let all = || ESTIMATORS.iter().map(|row| row.name.to_owned()).collect();
         let estimators = self.estimators.clone().unwrap_or_else(all);
-        if let Some(name) = self.config.keys().find(|name| !estimators.contains(name)) {
-            let known = estimators.join(", ");
-            return Err(anyhow!("found for no estimator of the run, expected one of: {known}")
-                .context(SettingsOf(name.clone())));
-        }
+        check_configured(self.config.keys(), &estimators)?;
         check_distinct("estimator", estimators.iter().cloned())?;
         check_distinct("program", self.programs.iter().map(|program| program.describe().name))?;
         let mut participants: Vec<Box<dyn Participant>> = Vec::new();

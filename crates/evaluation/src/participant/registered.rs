@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde_json::Value;
 use testbed::replay::{self, Replay};
 use testbed::results::RunEstimator;
-use testbed::settings::{SettingsOf, merged};
+use testbed::settings::merged_of;
 use whisker::estimators::{self, ESTIMATORS, EstimatorRow, Knowledge};
 
 use super::{Participant, Task};
@@ -27,7 +27,7 @@ impl Registered {
             let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
             format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
         })?;
-        let config = merged((row.defaults)(), overrides).with_context(|| SettingsOf(name.into()))?;
+        let config = merged_of(name, (row.defaults)(), overrides)?;
         Ok(Self { row, config })
     }
 }

@@ -152,8 +152,8 @@ fn reach(trace: &SpatialTrace) -> Option<Finding> {
         });
     }
     let rest = whisker.rest_shape();
-    let point = |i: usize| rest.point(whisker.length_m * i as f64 / POINTS as f64).vector();
-    let points: Vec<Vector3<f64>> = (1..=POINTS).map(|i| Vector3::new(point(i).x, point(i).y, 0.0)).collect();
+    let point = |i: usize| rest.point(whisker.length_m * i as f64 / POINTS as f64).vector().push(0.0);
+    let points: Vec<Vector3<f64>> = (1..=POINTS).map(point).collect();
     let is_behind = |contact: &&Vector3<f64>| points.iter().all(|point| point.dot(contact) < 0.0);
     let behind = contacts.iter().filter(is_behind).count();
     (2 * behind > contacts.len()).then(|| Finding {

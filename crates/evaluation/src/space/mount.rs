@@ -11,19 +11,21 @@ use trace::{LearntMounting, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialTrace
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge, TouchDetector};
 use whisker::space::frames::Point;
-use whisker::space::sensor::{KnownContact, Learnt, LearntTouch, Mounting};
+use whisker::space::sensor::{FittedTouch, KnownContact, Mounting, MountingFit};
 
 use crate::fit::check_replaces_calibration;
 
-/// Largest [`LearntTouch::disagreement`] that is accepted.
+/// Largest [`FittedTouch::disagreement`] that is accepted.
 const MOST_DISAGREEMENT: f64 = 2.0;
 
 /// Result of [`mount`].
 pub struct Mounted {
     /// The mounting and the touches from which it was learnt.
-    pub learnt: Learnt,
+    pub learnt: MountingFit,
     /// Trace of each touch.
-    pub traces: Vec<String>,
+    pub trace_of_touch: Vec<String>,
+    /// Largest reading of the calibration (N m).
+    pub largest_reading_n_m: f64,
     /// Traces of the earlier mounting that was replaced. Empty if the calibration had none.
     pub replaced: Vec<String>,
 }
@@ -53,7 +55,7 @@ pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Resu
             bail!("{}: found the same content as {}, expected each trace once", path.display(), same.display());
         }
     }
-    let (mut touches, mut names) = (Vec::new(), Vec::new());
+    let (mut touches, mut trace_of_touch) = (Vec::new(), Vec::new());
     let mut largest_sd_n_m = 0.0_f64;
     let calibrated = file.calibrated(calibration, None)?;
     for trace in &traces {
@@ -62,16 +64,17 @@ pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Resu
         let of_trace = known_contacts(trace, &knowledge(&calibrated, noise_sd_n_m, None, trace.sidecar.rate_hz));
         if of_trace.is_empty() {
             bail!(
-                "{}: found {} rows with a known contact (`truth_contact_x_m`, `_y_m` and `_z_m`), none of them during a touch \
-                that the readings show, expected some; if there are such rows, the readings may be in another unit than N m",
+                "{}: found {} rows with a known single contact (`truth_contact_x_m`, `_y_m` and `_z_m`), none of them during a \
+                detected touch, expected at least one; if the whisker does touch there, the readings may be in another unit than N m",
                 trace.sidecar.name,
-                trace.truth.instants.iter().filter(|truth| truth.contact_m().is_some()).count()
+                trace.truth.instants.iter().filter(|truth| truth.is_single() && truth.contact_m().is_some()).count()
             );
         }
-        names.extend(of_trace.iter().map(|_| trace.sidecar.name.clone()));
+        trace_of_touch.extend(of_trace.iter().map(|_| trace.sidecar.name.clone()));
         largest_sd_n_m = largest_sd_n_m.max(noise_sd_n_m);
         touches.extend(of_trace);
     }
+    let names: Vec<String> = traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
     let learnt = Mounting::learnt(&calibrated, &touches, largest_sd_n_m).with_context(|| {
         format!(
             "{}: found {} known contacts, of which fewer than {} lie in the calibrated domain of {} and agree with one mounting; a \
@@ -82,27 +85,34 @@ pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Resu
             calibration.display()
         )
     })?;
-    check_agreement(&learnt, &names)?;
+    check_agreement(&learnt, &trace_of_touch)?;
     let mounting = LearntMounting {
         deviation: learnt.mounting,
-        traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+        traces: names,
         data_sha256: data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256())),
     };
     let replaced = file.mounting.map(|before| before.traces).unwrap_or_default();
     write_json(out, &SpatialCalibrationFile { mounting: Some(mounting), ..file })?;
-    Ok(Mounted { learnt, traces: names, replaced })
+    Ok(Mounted { learnt, trace_of_touch, largest_reading_n_m: calibrated.largest_reading_n_m, replaced })
 }
 
-/// Refuses touches of which one contradicts the mounting by the others.
-fn check_agreement(learnt: &Learnt, traces: &[String]) -> anyhow::Result<()> {
-    let disagreement = |touch: &LearntTouch| touch.disagreement.unwrap_or_default();
+/// Refuses touches of which one agrees in no contact, or contradicts the mounting by the others.
+fn check_agreement(learnt: &MountingFit, traces: &[String]) -> anyhow::Result<()> {
+    if let Some((touch, name)) = learnt.touches.iter().zip(traces).find(|(touch, _)| touch.used == 0) {
+        bail!(
+            "{name}: found a touch of which none of {} contacts lies in the calibrated domain and agrees with the mounting, expected \
+            some: its known place, or a unit, a sign or a frame, may be wrong",
+            touch.contacts
+        );
+    }
+    let disagreement = |touch: &FittedTouch| touch.disagreement.unwrap_or_default();
     let touches = learnt.touches.iter().zip(traces).max_by(|a, b| disagreement(a.0).total_cmp(&disagreement(b.0)));
     let Some((worst, name)) = touches.filter(|(worst, _)| disagreement(worst) > MOST_DISAGREEMENT) else {
         return Ok(());
     };
     bail!(
-        "{name}: found a touch whose residuals with the mounting by the other touches are {:.1} times their standard deviations, \
-        expected at most {MOST_DISAGREEMENT}: its known place may be wrong, or that of another touch",
+        "{name}: found a touch whose residuals with the mounting by the other touches are {:.1} times as large as expected, expected \
+        at most {MOST_DISAGREEMENT}: its known place may be wrong, or that of another touch",
         disagreement(worst)
     );
 }
@@ -140,14 +150,14 @@ mod tests {
     #[test]
     fn robust_touches_that_contradict_one_another_are_refused() {
         let with = |disagreements: &[Option<f64>]| {
-            let touch = |disagreement: &Option<f64>| LearntTouch {
+            let touch = |disagreement: &Option<f64>| FittedTouch {
                 contacts: 40,
                 used: 40,
-                residuals_n_m: [1e-6, 1e-7],
+                residuals_n_m: Some([1e-6, 1e-7]),
                 disagreement: *disagreement,
             };
             let covariance = Matrix6::identity() * 1e-8;
-            Learnt {
+            MountingFit {
                 mounting: Mounting { shift_m: Vector3::zeros(), turn_rad: Vector3::zeros(), covariance },
                 touches: disagreements.iter().map(touch).collect(),
             }
@@ -156,6 +166,10 @@ mod tests {
         for agreeing in [&[None][..], &[Some(0.9), Some(1.9), None]] {
             assert!(check_agreement(&with(agreeing), &names).is_ok());
         }
+        let mut unused = with(&[None, None]);
+        unused.touches[1].used = 0;
+        let error = check_agreement(&unused, &names).unwrap_err().to_string();
+        assert!(error.starts_with("far: found a touch of which none of 40 contacts"), "{error}");
         let error = check_agreement(&with(&[Some(2.1), Some(1.0), Some(7.34)]), &names).unwrap_err().to_string();
         assert!(error.starts_with("off: ") && error.contains("are 7.3 times") && error.contains("expected at most 2"));
     }

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, bail};
 use serde_json::Value;
 use testbed::protocol::space::SPATIAL_PROTOCOL;
-use testbed::settings::{SettingsOf, merged};
+use testbed::settings::{SettingsOf, check_configured, merged_of};
 use testbed::space::replay::{SpatialReplay, registered, replay};
 use whisker::space::estimators::{SPATIAL_ESTIMATORS, SpatialEstimatorRow, spatial_estimator};
 
@@ -61,19 +61,14 @@ pub(super) fn participants(settings: &SpatialEvaluateSettings) -> anyhow::Result
     };
     let is_known = |name: &String| registered(name).map(drop).with_context(|| SettingsOf(name.clone()));
     settings.config.keys().try_for_each(is_known)?;
-    let names = || rows.iter().map(|row| row.name.to_owned());
-    if let Some(name) = settings.config.keys().find(|name| !names().any(|known| known == **name)) {
-        let known = names().collect::<Vec<_>>().join(", ");
-        return Err(
-            anyhow!("found for no estimator of the run, expected one of: {known}").context(SettingsOf(name.clone()))
-        );
-    }
-    check_distinct("estimator", names())?;
+    let names: Vec<String> = rows.iter().map(|row| row.name.to_owned()).collect();
+    check_configured(settings.config.keys(), &names)?;
+    check_distinct("estimator", names.into_iter())?;
     check_distinct("program", settings.programs.iter().map(|program| program.name().to_owned()))?;
     let mut found = Vec::new();
     for row in rows {
         let config = match settings.config.get(row.name) {
-            Some(own) => merged(row.defaults(), own).with_context(|| SettingsOf(row.name.into()))?,
+            Some(own) => merged_of(row.name, row.defaults(), own)?,
             None => row.defaults(),
         };
         found.push(Participant::Registered(row, config));

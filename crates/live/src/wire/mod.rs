@@ -182,7 +182,8 @@ pub fn parse(line: &str) -> Result<Line, BadLine> {
     Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))
 }
 
-/// Whether a line is the first one of a whisker, or was to be: the error of one that is no JSON is its own.
+/// Whether a line is the first one of a whisker, or was meant to be: a line that contains one of its keys but is not valid JSON is
+/// reported as a faulty first line.
 fn is_prior(line: &str) -> bool {
     let has_key = |value: Value| PRIOR_KEYS.iter().any(|key| value.get(key).is_some());
     PRIOR_KEYS.iter().any(|key| line.contains(key)) && serde_json::from_str(line).map_or(true, has_key)

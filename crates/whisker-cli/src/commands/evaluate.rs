@@ -159,6 +159,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    in_file(config_file(arguments), evaluate_all(arguments))
+}
+
+fn evaluate_all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let traces = arguments.traces.as_deref();
     let datasets: Vec<Dataset> =
         arguments.inputs.iter().map(|input| Dataset::open(input, traces)).collect::<anyhow::Result<_>>()?;
@@ -219,15 +223,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .context("cannot start threads")?;
     let progress = Progress::of("evaluating");
     if let Some(share) = arguments.share {
-        in_file(config_file(arguments), threads.install(|| evaluate_share(&datasets, &settings, share, &progress)))?;
+        threads.install(|| evaluate_share(&datasets, &settings, share, &progress))?;
         drop(progress);
         print(&format!("share {share} done\n"))?;
         return Ok(ExitCode::SUCCESS);
     }
     let _lock = reserve_folder(&folder, &inputs)?;
     let is_there = folder.join("run.json").is_file();
-    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress));
-    let evaluated = in_file(config_file(arguments), evaluated)?;
+    let evaluated = threads.install(|| evaluate(&datasets, &settings, &progress))?;
     drop(progress);
     if is_there && evaluated.is_new {
         eprintln!("{}: replaced the former run", folder.display());
@@ -282,7 +285,7 @@ fn in_space(
         .num_threads(arguments.threads.map_or(0, usize::from))
         .build()
         .context("cannot start threads")?;
-    in_file(config_file(arguments), threads.install(|| evaluate_in_space(dataset, evaluation, &folder)))
+    threads.install(|| evaluate_in_space(dataset, evaluation, &folder))
 }
 
 /// Ends the external programs if an interrupt ends the evaluation.

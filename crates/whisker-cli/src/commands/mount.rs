@@ -5,8 +5,7 @@ use std::process::ExitCode;
 
 use evaluation::space::mount::{Mounted, mount};
 use nalgebra::Vector3;
-use trace::SpatialCalibrationFile;
-use whisker::space::sensor::{Learnt, LearntTouch};
+use whisker::space::sensor::{FittedTouch, Mounting, MountingFit};
 
 use super::output::reserve;
 use super::played::check_trace;
@@ -18,7 +17,9 @@ const UNEXPECTED: f64 = 2.0;
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
 ///
 /// Writes the calibration with the deviation of the mounting, for which all estimators then correct, in place of an earlier mounting.
-/// Prints the deviation with its standard deviations, and how well it explains each touch. The traces contain the contacts in the
+/// Prints the deviation with its standard deviations and, for each touch, the root mean square residual of the readings before and
+/// after the correction, relative to the largest reading of the calibration, and the residual with the mounting by the other touches,
+/// relative to the expected one (disagreement). Refuses touches that contradict one another. The traces contain the contacts in the
 /// columns truth_contact_x_m, _y_m and _z_m.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -38,30 +39,34 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     traces.iter().try_for_each(|trace| check_trace(trace))?;
     let inputs: Vec<PathBuf> = traces.iter().chain([calibration]).cloned().collect();
     let _lock = reserve(out, &inputs)?;
-    let Mounted { learnt: Learnt { mounting: learnt, touches }, traces, replaced } = mount(calibration, traces, out)?;
-    let sds = learnt.covariance.diagonal().map(f64::sqrt);
+    let Mounted { learnt, trace_of_touch, largest_reading_n_m, replaced } = mount(calibration, traces, out)?;
+    let MountingFit { mounting, touches } = learnt;
+    let sds = mounting.covariance.diagonal().map(f64::sqrt);
     let row = |what: &str, unit: &str, value: Vector3<f64>, sd: Vector3<f64>| {
         let cells = value.iter().zip(&sd).map(|(value, sd)| format!("{value:.3} +- {sd:.3}"));
         [format!("{what}, {unit}")].into_iter().chain(cells).collect::<Vec<_>>()
     };
     let rows = [
-        row("translation", "mm", learnt.shift_m * 1e3, sds.fixed_rows::<3>(0) * 1e3),
-        row("rotation", "deg", learnt.turn_rad.map(f64::to_degrees), sds.fixed_rows::<3>(3).map(f64::to_degrees)),
+        row("translation", "mm", mounting.shift_m * 1e3, sds.fixed_rows::<3>(0) * 1e3),
+        row("rotation", "deg", mounting.turn_rad.map(f64::to_degrees), sds.fixed_rows::<3>(3).map(f64::to_degrees)),
     ];
     print(&table::render(&["deviation", "x", "y", "z"], &rows, 1))?;
-    let largest_n_m = SpatialCalibrationFile::read(calibration)?.largest_reading_n_m;
-    let of_touch = |(touch, trace): (&LearntTouch, &String)| {
-        let [before, after] =
-            touch.residuals_n_m.map(|residual_n_m| format!("{:.2} %", 100.0 * residual_n_m / largest_n_m));
-        vec![trace.clone(), touch.used.to_string(), touch.contacts.to_string(), before, after]
+    let of_touch = |(touch, trace): (&FittedTouch, &String)| {
+        let share = |residual_n_m: f64| format!("{:.2} %", 100.0 * residual_n_m / largest_reading_n_m);
+        let [before, after] = touch.residuals_n_m.map_or_else(|| ["-", "-"].map(String::from), |both| both.map(share));
+        let disagreement = touch.disagreement.map_or_else(|| "-".into(), |found| format!("{found:.1}"));
+        vec![trace.clone(), touch.used.to_string(), touch.contacts.to_string(), before, after, disagreement]
     };
-    let of_touches: Vec<_> = touches.iter().zip(&traces).map(of_touch).collect();
-    print(&table::render(&["touch", "contacts used", "of", "residual before", "after"], &of_touches, 1))?;
-    if learnt.size() > UNEXPECTED {
+    let of_touches: Vec<_> = touches.iter().zip(&trace_of_touch).map(of_touch).collect();
+    let header = ["touch", "contacts used", "of", "residual before", "after", "disagreement"];
+    print(&table::render(&header, &of_touches, 1))?;
+    if mounting.size() > UNEXPECTED {
         eprintln!(
-            "the mounting deviates by {:.1} times the standard deviations that are expected of a remounted sensor (1 mm and 1.7 \
+            "the mounting deviates by {:.1} times the standard deviations that are expected of a remounted sensor ({} mm and {:.1} \
             degrees): a known place, a unit or a frame may be wrong",
-            learnt.size()
+            mounting.size(),
+            1e3 * Mounting::SHIFT_SD_M,
+            Mounting::TURN_SD_RAD.to_degrees()
         );
     }
     if !replaced.is_empty() {

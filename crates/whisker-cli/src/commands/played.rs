@@ -10,7 +10,7 @@ use testbed::fitted_traces::{check_fitted_traces, check_is_calibration};
 use testbed::front_end::{FrontEnd, Mounting, Reader, Reading, SpatialFrontEnd};
 use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
-use testbed::settings::{SettingsOf, merged};
+use testbed::settings::merged_of;
 use testbed::space;
 use trace::{CalibrationFile, Instant, Sidecar, Trace, TraceRows};
 use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass};
@@ -72,7 +72,7 @@ impl MethodArguments {
             let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
             format!("unknown estimator `{}`, expected one of: {}", self.estimator, known.join(", "))
         })?;
-        Ok((row, merged((row.defaults)(), &self.config.value).with_context(|| SettingsOf(row.name.into()))?))
+        Ok((row, merged_of(row.name, (row.defaults)(), &self.config.value)?))
     }
 }
 
@@ -126,7 +126,7 @@ impl Arguments {
     pub(super) fn in_space(&self) -> anyhow::Result<InSpace> {
         let front_end = SpatialFrontEnd::new(&self.front_end.choice())?;
         let row = space::replay::registered(&self.method.estimator)?;
-        let config = merged(row.defaults(), &self.method.config.value).with_context(|| SettingsOf(row.name.into()))?;
+        let config = merged_of(row.name, row.defaults(), &self.method.config.value)?;
         Ok(InSpace { row, config, front_end, noise: self.noise, seed: self.seed })
     }
 

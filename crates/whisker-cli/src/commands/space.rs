@@ -185,8 +185,7 @@ pub(super) fn replay_in_space(
         None => print(&String::from_utf8(csv_bytes(&rows)?)?)?,
     }
     let gate = ReadingGate::new(knowledge.calibrated.largest_reading_n_m);
-    let is_gated = |reading: &&Vector2<f64>| !reading.iter().all(|moment_n_m| gate.admits(*moment_n_m));
-    let gated = readings_n_m.iter().filter(is_gated).count();
+    let gated = readings_n_m.iter().filter(|reading_n_m| !gate.admits_both(reading_n_m)).count();
     if gated > 0 {
         let most_n_m = gate.most_n_m();
         eprintln!("gated: {gated} of {} readings, beyond the largest plausible one, {most_n_m:.2e} N m", rows.len());

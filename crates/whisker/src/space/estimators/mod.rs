@@ -136,7 +136,7 @@ impl TouchDetector {
         let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
             (motion.then(&sample.motion), duration_s + sample.dt_s)
         });
-        if !sample.reading_n_m.iter().all(|moment_n_m| self.gate.admits(*moment_n_m)) {
+        if !self.gate.admits_both(&sample.reading_n_m) {
             self.missed = Some((motion, dt_s));
             return None;
         }

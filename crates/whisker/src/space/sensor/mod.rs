@@ -43,7 +43,7 @@ pub use error::SpatialErrorMap;
 pub(crate) use error::exponential;
 pub use fit::{SpatialFit, SpatialFitData, fit};
 pub use geometry::{Directions, Geometry};
-pub use mounting::{KnownContact, Learnt, LearntTouch, Mounting};
+pub use mounting::{FittedTouch, KnownContact, Mounting, MountingFit};
 pub use screening::{Screening, screen};
 
 /// Names of the readings, in order, as in the columns of a trace in space.
@@ -317,7 +317,8 @@ impl CalibratedSpace {
         found
     }
 
-    /// Covariance of the true readings about the expected ones, without measurement noise (N2 m2), 2x2. Outside the calibrated
+    /// Covariance of the true readings about the expected ones (N2 m2), 2x2, without the measurement noise of other recordings. It
+    /// includes the noise of the calibration as far as the model predicts it ([`SpatialModel::sd_n_m`]). Outside the calibrated
     /// domain, that at its border.
     pub fn model_covariance_n2_m2(&self, at: Around) -> Matrix2<f64> {
         let (held, shares) = self.domain.held(at);

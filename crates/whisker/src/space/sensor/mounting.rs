@@ -14,10 +14,6 @@ use super::{CalibratedSpace, exponential};
 use crate::frames::Base;
 use crate::space::frames::{Point, Pose};
 
-/// Prior standard deviations of the translation along each axis (m) and of the rotation about each (rad).
-const SHIFT_SD_M: f64 = 1e-3;
-const TURN_SD_RAD: f64 = 0.03;
-
 /// Standard deviation of the drift of the rest reading, an offset that is constant during a touch, relative to the largest reading
 /// of the calibration.
 const REST_SD: f64 = 2e-3;
@@ -58,25 +54,26 @@ pub struct Mounting {
 
 /// A mounting that was learnt from touches, and how well it explains each of them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Learnt {
+pub struct MountingFit {
     /// The mounting.
     pub mounting: Mounting,
     /// One entry per touch, in their order.
-    pub touches: Vec<LearntTouch>,
+    pub touches: Vec<FittedTouch>,
 }
 
 /// A touch at a known place, from which a mounting was learnt.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LearntTouch {
+pub struct FittedTouch {
     /// Number of contacts that were compared: those up to the largest reading, at most 40, evenly spaced.
     pub contacts: usize,
     /// Number of these that are in the calibrated domain and agree with the mounting.
     pub used: usize,
-    /// Root mean square residual of the readings of the used contacts (N m), each moment, with the nominal mounting and with the one
-    /// that was learnt.
-    pub residuals_n_m: [f64; 2],
-    /// Root mean square of the residuals with the mounting that follows from the other touches, over their standard deviations, which
-    /// include that of this mounting. 1 is expected. `None` if there are no other touches, or if they determine none.
+    /// Root mean square residual of the readings of the used contacts (N m), each moment: with the nominal mounting, of those that are
+    /// then in the calibrated domain, and with the one that was learnt. `None` if there are none.
+    pub residuals_n_m: Option<[f64; 2]>,
+    /// Root mean square of the residuals of all contacts in the calibrated domain with the mounting that follows from the other touches,
+    /// normalised by their joint covariance, which includes that of this mounting. 1 is expected. `None` if there are no other touches,
+    /// if they determine no mounting, or if no contact is in the domain.
     pub disagreement: Option<f64>,
 }
 
@@ -84,10 +81,20 @@ impl Mounting {
     /// Smallest number of contacts that determine a mounting.
     pub const LEAST_CONTACTS: usize = 6;
 
+    /// Standard deviation, expected of a remounted sensor, of the translation along each axis (m).
+    pub const SHIFT_SD_M: f64 = 1e-3;
+
+    /// The same of the rotation about each axis (rad).
+    pub const TURN_SD_RAD: f64 = 0.03;
+
     /// The mounting that explains touches at known places, each with its contacts in order of time. `noise_sd_n_m` is the standard
     /// deviation of the measurement noise of each moment. `None` if fewer than [`Self::LEAST_CONTACTS`] contacts in the calibrated
     /// domain agree with one mounting, or if a covariance is singular. A mounting of `calibrated` is ignored.
-    pub fn learnt(calibrated: &CalibratedSpace, touches: &[Vec<KnownContact>], noise_sd_n_m: f64) -> Option<Learnt> {
+    pub fn learnt(
+        calibrated: &CalibratedSpace,
+        touches: &[Vec<KnownContact>],
+        noise_sd_n_m: f64,
+    ) -> Option<MountingFit> {
         let data = Touches {
             calibrated: &CalibratedSpace { mounting: None, ..calibrated.clone() },
             // Without noise, the readings of repeated contacts would have a singular covariance.
@@ -96,17 +103,17 @@ impl Mounting {
         };
         let mounting = data.mounting(None)?;
         let touches = (0..touches.len()).map(|touch| data.explained(&mounting, touch)).collect();
-        Some(Learnt { mounting, touches })
+        Some(MountingFit { mounting, touches })
     }
 
     /// The nominal mounting, with the covariance of the deviations that are expected of a remounted sensor.
     fn prior() -> Self {
-        let variances = Vector6::from_fn(|axis, _| if axis < 3 { SHIFT_SD_M.powi(2) } else { TURN_SD_RAD.powi(2) });
+        let variances =
+            Vector6::from_fn(|axis, _| if axis < 3 { Self::SHIFT_SD_M.powi(2) } else { Self::TURN_SD_RAD.powi(2) });
         Self { shift_m: Vector3::zeros(), turn_rad: Vector3::zeros(), covariance: Matrix6::from_diagonal(&variances) }
     }
 
-    /// The largest of the deviations along and about the axes, over the standard deviations that are expected of a remounted sensor:
-    /// 1 mm and 30 mrad.
+    /// The largest of the deviations along and about the axes, over the standard deviations that are expected of a remounted sensor.
     pub fn size(&self) -> f64 {
         self.vector().component_div(&Self::prior().covariance.diagonal().map(f64::sqrt)).amax()
     }
@@ -181,21 +188,20 @@ impl Touches<'_> {
     }
 
     /// How well a mounting explains a touch.
-    fn explained(&self, mounting: &Mounting, touch: usize) -> LearntTouch {
+    fn explained(&self, mounting: &Mounting, touch: usize) -> FittedTouch {
         let contacts = &self.touches[touch];
-        let rows = self.rows(mounting, contacts);
-        let used: Vec<KnownContact> = rows.iter().map(|row| row.known).collect();
+        let (nominal, rows) = (Mounting::prior(), self.rows(mounting, contacts));
+        let before: Vec<Row> = rows.iter().filter_map(|row| self.row(&nominal, &row.known)).collect();
         let residual_n_m = |rows: &[Row]| {
             let squares = rows.iter().map(|row| row.residual_n_m.norm_squared()).sum::<f64>();
-            (squares / (2 * rows.len().max(1)) as f64).sqrt()
+            (!rows.is_empty()).then(|| (squares / (2 * rows.len()) as f64).sqrt())
         };
-        let residuals_n_m = [residual_n_m(&self.rows(&Mounting::prior(), &used)), residual_n_m(&rows)];
-        let disagreement =
-            self.mounting(Some(touch)).and_then(|by_others| self.disagreement(&by_others, &self.touches[touch]));
-        LearntTouch { contacts: contacts.len(), used: rows.len(), residuals_n_m, disagreement }
+        let residuals_n_m = residual_n_m(&before).zip(residual_n_m(&rows)).map(|(before, after)| [before, after]);
+        let disagreement = self.mounting(Some(touch)).and_then(|by_others| self.disagreement(&by_others, contacts));
+        FittedTouch { contacts: contacts.len(), used: rows.len(), residuals_n_m, disagreement }
     }
 
-    /// [`LearntTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated domain.
+    /// [`FittedTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated domain.
     fn disagreement(&self, by_others: &Mounting, touch: &[KnownContact]) -> Option<f64> {
         let rows: Vec<Row> = touch.iter().filter_map(|known| self.row(by_others, known)).collect();
         let (jacobian, residual) = stacked(&rows);
@@ -215,8 +221,8 @@ impl Touches<'_> {
         Some(Row { known: *known, contact, residual_n_m, slopes, factor })
     }
 
-    /// The residuals of the contacts of a touch within the calibrated domain, without those that even the prior of the mounting, its
-    /// standard deviations, does not explain.
+    /// The residuals of the contacts of a touch within the calibrated domain, without those that are too large even for the prior
+    /// standard deviations of the mounting.
     fn rows(&self, mounting: &Mounting, touch: &[KnownContact]) -> Vec<Row> {
         let prior = Mounting::prior().covariance;
         let agrees = |row: &Row| {
@@ -229,12 +235,12 @@ impl Touches<'_> {
         touch.iter().filter_map(|known| self.row(mounting, known)).filter(agrees).collect()
     }
 
-    /// Variance of the drift of the rest reading.
+    /// Variance of the drift of the rest reading, of each moment (N2 m2).
     fn rest_n2_m2(&self) -> f64 {
         (REST_SD * self.calibrated.largest_reading_n_m).powi(2)
     }
 
-    /// Joint covariance of the readings of one touch.
+    /// Joint covariance of the readings of one touch (N2 m2), 2n x 2n for n contacts.
     fn joint(&self, rows: &[Row]) -> DMatrix<f64> {
         let mut covariance = DMatrix::zeros(2 * rows.len(), 2 * rows.len());
         for (i, one) in rows.iter().enumerate() {
@@ -272,7 +278,7 @@ fn by_motion(turned_m: Vector3<f64>) -> Matrix3x6<f64> {
     slopes
 }
 
-/// Derivatives and residuals of all contacts of a touch, two rows each.
+/// Derivatives and residuals of all contacts of a touch, two rows each, 2n x 6 and 2n.
 fn stacked(rows: &[Row]) -> (DMatrix<f64>, DVector<f64>) {
     let jacobian = DMatrix::from_fn(2 * rows.len(), 6, |i, j| rows[i / 2].slopes[(i % 2, j)]);
     let residual = DVector::from_fn(2 * rows.len(), |i, _| rows[i / 2].residual_n_m[i % 2]);

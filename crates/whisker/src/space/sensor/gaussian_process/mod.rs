@@ -213,7 +213,10 @@ fn sds_n_m(predictor: &Predictor<'_>, places: &[Place]) -> Vec<Vector2<f64>> {
         let covariances = [0, 1].map(|channel| predictor.covariance(channel, part));
         let sd_n_m = |i: usize| {
             // Rounding may make the variance of the map negative.
-            let least = |channel: usize| kernels[channel].noise_variance(part[i].load) * largest_reading.powi(2);
+            let least = |channel: usize| {
+                let (kernel, load) = (&kernels[channel], part[i].load);
+                (kernel.line_sd(load).powi(2) + kernel.noise_variance(load)) * largest_reading.powi(2)
+            };
             Vector2::from_fn(|channel, _| covariances[channel][(i, i)].max(least(channel)).sqrt())
         };
         (0..part.len()).map(sd_n_m).collect::<Vec<_>>()
