@@ -62,6 +62,14 @@ def test_robust_any_bytes(tmp_path, content):
     one_error(lambda: load_runs(path))
 
 
+def test_regress_a_line_break_in_a_key_is_escaped(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps({**SWEEP, "whisker": {"\n": None}}))
+    with pytest.raises(InputError, match=r"whisker\.\\n: unknown key; expected one of preset") as error:
+        load_runs(path)
+    assert "\n" not in str(error.value)
+
+
 @QUICK
 @given(key=st.sampled_from(KEYS), value=DOCUMENTS)
 def test_robust_any_value_of_a_key(tmp_path, key, value):

@@ -319,8 +319,8 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
         evaluate(&["--config", text], &[place.as_str(), words[1]]);
     }
     evaluate(&["--config", r#"{"line": 1e400}"#], &["--config: column 14", "number out of range"]);
-    evaluate(&["--estimators", "line"], &["calibrations/curved.json", "No such file"]);
-    evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
+    evaluate(&["--estimators", "line"], &["calibrations/curved.json", "no such calibration"]);
+    evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "no such calibration"]);
     evaluate(&["--front-end", "optical"], &unknown);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";
@@ -328,8 +328,8 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     };
     replay(&["--estimator", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
     replay(&["--front-end", "optical"], &unknown);
-    replay(&["--estimator", "line", "--front-end", "hall"], &["calibrations/hall/curved.json", "No such file"]);
+    replay(&["--estimator", "line", "--front-end", "hall"], &["calibrations/hall/curved.json", "no such calibration"]);
     let settings = ["front end `hall` of traces in space", "`gap_m`", "found 0"];
     replay(&["--front-end", "hall", "--front-end-config", r#"{"gap_m": 0}"#], &settings);
-    replay(&["--estimator", "line"], &["calibrations/curved.json", "No such file"]);
+    replay(&["--estimator", "line"], &["calibrations/curved.json", "no such calibration"]);
 }
