@@ -241,6 +241,11 @@ def test_robust_a_calibration_of_missing_traces_is_refused(tmp_path, calibration
         wc.load_spatial_calibration(path)
 
 
+def test_regress_an_absent_calibration_is_an_error_of_the_operating_system(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"absent\.json"):
+        wc.load_spatial_calibration(tmp_path / "calibrations" / "absent.json")
+
+
 def test_verif_the_registry_lists_the_estimators():
     classes = {row["name"]: row["class"] for row in wc.spatial_estimators()}
     assert (classes["line"], classes["paper-ukf-3d"], classes["batch-recommended"]) == ("recursive", "published", "hindsight")

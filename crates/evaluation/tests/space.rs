@@ -51,6 +51,11 @@ fn calibrations(folder: &Path) -> PathBuf {
     folder.join("calibrations")
 }
 
+/// The first calibration of a dataset, fitted into the calibrations of a folder.
+fn fit_first(dataset: &Dataset, folder: &Path) -> SpatialFitted {
+    fit(dataset, &fit_settings(), &calibrations(folder), &ProgressBar::hidden()).unwrap().remove(0)
+}
+
 #[test]
 fn verif_a_calibration_is_read_back_bit_for_bit_and_reused() {
     let folder = tempfile::tempdir().unwrap();
@@ -249,9 +254,7 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
 fn robust_a_calibration_of_changed_or_other_traces_is_refused_even_if_the_run_is_finished() {
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("results");
-    let fit = |dataset: &Dataset| {
-        fit(dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0)
-    };
+    let fit = |dataset: &Dataset| fit_first(dataset, folder.path());
     let run = || {
         let dataset = Dataset::open(folder.path(), None).unwrap();
         evaluate_into(&results, &dataset, &settings(&["point"], &[1]), false, &ProgressBar::hidden())
@@ -296,7 +299,7 @@ fn robust_a_calibration_of_changed_or_other_traces_is_refused_even_if_the_run_is
 fn fitted() -> (TempDir, Dataset) {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
-    fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    fit_first(&dataset, folder.path());
     (folder, dataset)
 }
 
@@ -508,8 +511,7 @@ fn robust_a_missing_calibration_says_how_to_make_it() {
 fn robust_a_stored_model_that_cannot_be_loaded_is_named_without_its_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
-    let fitted =
-        fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0);
+    let fitted = fit_first(&dataset, folder.path());
     let mut file = fitted.calibration;
     file.models[0].model.as_object_mut().unwrap().insert("colour".into(), json!(vec![0.125; 1000]));
     let message = file.calibrated(&fitted.path, None).unwrap_err().to_string();
@@ -523,8 +525,7 @@ fn robust_a_stored_model_that_cannot_be_loaded_is_named_without_its_numbers() {
 fn robust_each_kind_of_calibration_names_the_other_and_a_recording_of_one_moment_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
-    let fitted =
-        fit(&dataset, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap().remove(0);
+    let fitted = fit_first(&dataset, folder.path());
     let message = CalibrationFile::read(&fitted.path).unwrap_err().to_string();
     assert!(message.contains("found 2, a calibration in space, expected 1, a planar calibration"), "{message}");
     let planar = folder.path().join("planar.json");

@@ -12,7 +12,7 @@ use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::{MapConfig, Observer};
 use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
-use testbed::space::replay::{knowledge, read_calibration};
+use testbed::space::replay::{knowledge, read_fitted};
 use testbed::space::run::SpatialRunWhisker;
 use trace::{CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};
@@ -173,7 +173,7 @@ impl Common<'_, SpatialEstimatorRow> {
         let entry = &self.mapping.whiskers[index];
         let chain = Chain::new(self.source(entry)?, InSpace);
         let file = beside(self.path, &entry.calibration);
-        let calibration = read_calibration(&file)?;
+        let calibration = read_fitted(&file)?;
         if calibration.front_end.is_some() {
             return Err(self.no_moments(index, "a calibration of moments; counts are not supported in space").into());
         }

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use testbed::provenance::watermark;
-use testbed::space::replay::read_calibration;
+use testbed::space::replay::read_fitted;
 
 use super::rod::Rod;
 use crate::arrays::{Numbers, flags, matrices, rows, same_length, vectors};
@@ -38,7 +38,7 @@ pub(crate) struct SpatialCalibration {
 /// A calibration beside the traces that it was fitted to is refused if they have changed since.
 #[pyfunction]
 pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResult<SpatialCalibration> {
-    py.detach(|| anyhow::Ok(SpatialCalibration::new(read_calibration(&path)?, path)?)).map_err(raised)
+    py.detach(|| anyhow::Ok(SpatialCalibration::new(read_fitted(&path)?, path)?)).map_err(raised)
 }
 
 /// Fits the sensor models of a whisker in space to calibration data and chooses the best by cross-validation.

@@ -12,8 +12,7 @@ use testbed::results::files::{RESIDUALS, SURFACE};
 use trace::CalibrationFile;
 use whisker::sensor::CalibratedFace;
 
-/// How an evaluation names other calibrations.
-pub(crate) const OTHERS: &str = "the folder of others by --calibrations";
+use super::OTHERS;
 
 /// A calibration with the sensor models that the estimators use.
 pub(super) struct Calibration {

@@ -11,7 +11,7 @@
 //! interruptions. A trial that fails is recorded with its reason and does not affect the others.
 
 mod array_members;
-pub(crate) mod calibration;
+mod calibration;
 mod contours;
 mod job;
 mod loaded_trial;
@@ -57,6 +57,9 @@ use shards::Shards;
 pub use starts::Starts;
 use work::Batch;
 pub use workload::Workload;
+
+/// How an evaluation, of planar traces or of traces in space, names other calibrations.
+pub(crate) const OTHERS: &str = "the folder of others by --calibrations";
 
 /// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted
 /// resumes if its inputs are the same. A finished run with the same settings is replaced, when its traces, its

@@ -15,7 +15,7 @@ use testbed::fitted_traces::{check_fitted_to_all, check_is_calibration};
 use testbed::front_end::{FrontEndConfig, SpatialFrontEnd};
 use testbed::results::{FailureRow, write_rows};
 use testbed::space::files::ESTIMATES;
-use testbed::space::replay::{calibrated, knowledge, read_calibration, samples};
+use testbed::space::replay::{calibrated, knowledge, read_fitted, samples};
 use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::space::trial::SpatialTrial;
 use testbed::space::{largest_reading_n_m, spatial_estimate_row};
@@ -24,7 +24,7 @@ use trace::{Role, SpatialCalibrationFile, SpatialSensor, SpatialSidecar, Spatial
 use whisker::space::sensor::CalibratedSpace;
 
 use super::participant::{Participant, participants};
-use crate::evaluate::calibration::OTHERS;
+use crate::evaluate::OTHERS;
 use crate::participant::{Program, SpatialTask};
 
 /// Largest number of instants of a trial whose estimates a run keeps.
@@ -57,7 +57,7 @@ impl SpatialEvaluateSettings {
     /// dataset if they lie beside them.
     ///
     /// # Errors
-    /// As [`read_calibration`] and [`check_fitted_to_all`], and if a sidecar cannot be read.
+    /// As [`read_fitted`] and [`check_fitted_to_all`], and if a sidecar cannot be read.
     pub(super) fn calibrations(&self, dataset: &Dataset) -> anyhow::Result<Calibrations> {
         let default = || dataset.calibrations(&self.front_end.name);
         let folder = self.calibrations.clone().unwrap_or_else(default);
@@ -69,7 +69,7 @@ impl SpatialEvaluateSettings {
             }
             let path = folder.join(format!("{}.json", whisker.name));
             check_is_calibration(&path, None, OTHERS)?;
-            let file = read_calibration(&path)?;
+            let file = read_fitted(&path)?;
             if self.calibrations.is_none() {
                 check_fitted_to_all(&path, &file, dataset)?;
             }

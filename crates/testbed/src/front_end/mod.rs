@@ -138,14 +138,9 @@ impl FrontEnd {
         Ok(Self { row, config, chain })
     }
 
-    /// Whether it has sensors, which must be calibrated.
+    /// Whether it has sensors, which must be calibrated, and whose readings depend on the seed even without added noise.
     pub fn has_sensor(&self) -> bool {
         self.chain.has_sensor()
-    }
-
-    /// Whether readings depend on the seed even without added noise.
-    pub fn is_noisy(&self) -> bool {
-        self.has_sensor()
     }
 
     /// Checks that a trace may be read through this front end.
@@ -153,7 +148,7 @@ impl FrontEnd {
     /// # Errors
     /// If the trace is a recording of a real sensor and the front end models one.
     pub fn check_trace(&self, sidecar: &Sidecar) -> anyhow::Result<()> {
-        if sidecar.recorded.is_some() && self.chain.has_sensor() {
+        if sidecar.recorded.is_some() && self.has_sensor() {
             bail!(
                 "{}: found a recording of a real sensor, expected a simulated trace for the front end `{}`",
                 sidecar.name,

@@ -32,14 +32,22 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
     })
 }
 
-/// Reads a calibration in space whose traces have not changed since the fit.
+/// Reads a calibration in space whose traces have not changed since the fit, for a command with the option `--calibration`.
 ///
 /// # Errors
-/// If there is no such file, it cannot be read, or its traces have changed, see [`check_fitted_traces`].
+/// As [`read_fitted`]. The error for a missing file states how to make it.
 pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
     let folder =
         above_calibrations(path).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
     check_is_calibration(path, folder, "another by --calibration")?;
+    read_fitted(path)
+}
+
+/// Reads a calibration in space whose traces have not changed since the fit.
+///
+/// # Errors
+/// If the file cannot be read, or its traces have changed, see [`check_fitted_traces`].
+pub fn read_fitted(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
     let calibration = SpatialCalibrationFile::read(path)?;
     check_fitted_traces(path, &calibration)?;
     Ok(calibration)

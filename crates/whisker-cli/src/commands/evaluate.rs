@@ -193,7 +193,7 @@ fn evaluate_all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     // Without noise every seed replays the same readings, and the copies would count as trials.
     let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
-    let is_silent = !front_end.is_noisy() && are_exact && noise.iter().all(|level| *level == 0.0);
+    let is_silent = !front_end.has_sensor() && are_exact && noise.iter().all(|level| *level == 0.0);
     let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
@@ -415,7 +415,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 
 /// Whether every trial states the noise that is to be added to it, and the front end has none of its own.
 fn states_noise(datasets: &[Dataset], front_end: &FrontEnd) -> anyhow::Result<bool> {
-    datasets.iter().try_fold(!front_end.is_noisy(), |stated, dataset| Ok(stated && dataset.states_noise()?))
+    datasets.iter().try_fold(!front_end.has_sensor(), |stated, dataset| Ok(stated && dataset.states_noise()?))
 }
 
 /// Contents of the file of settings.

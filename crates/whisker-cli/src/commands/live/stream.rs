@@ -376,7 +376,8 @@ where
         locked(&self.sink).refuse(kind, &format!("stdin: line {}, {bad}", self.lines), &self.consequence())
     }
 
-    /// What follows from a line that is no message. It may have been meant as the first line of a whisker that has none yet.
+    /// States which lines are left out after one that is no message: also those of whiskers without a first line, as which it may have
+    /// been meant.
     fn consequence(&self) -> String {
         let waiting: Vec<_> = self.whiskers.iter().filter(|whisker| whisker.worker.is_none()).collect();
         let names: Vec<_> = waiting.iter().filter_map(|whisker| whisker.name.as_deref()).collect();

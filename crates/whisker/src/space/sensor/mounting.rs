@@ -204,10 +204,13 @@ impl Touches<'_> {
     /// [`FittedTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated domain.
     fn disagreement(&self, by_others: &Mounting, touch: &[KnownContact]) -> Option<f64> {
         let rows: Vec<Row> = touch.iter().filter_map(|known| self.row(by_others, known)).collect();
+        if rows.is_empty() {
+            return None;
+        }
         let (jacobian, residual) = stacked(&rows);
         let covariance = self.joint(&rows) + &jacobian * by_others.covariance * jacobian.transpose();
         let square = residual.dot(&covariance.cholesky()?.solve(&residual));
-        (!rows.is_empty()).then(|| (square / residual.len() as f64).sqrt())
+        Some((square / residual.len() as f64).sqrt())
     }
 
     /// Residual of a contact, with its derivatives by shift and turn. `None` outside the calibrated domain.
