@@ -93,8 +93,8 @@ pub struct ImporterRow {
     pub about: &'static str,
     /// Imports a mapping file, or a folder in the published layout.
     pub import: Import,
-    /// Imports the same recordings as traces in space. `None` if the format has no recordings in space.
-    pub import_in_space: Option<Import>,
+    /// Imports recordings in space.
+    pub import_in_space: Import,
 }
 
 /// Imports the recordings of a path.
@@ -124,19 +124,19 @@ pub const IMPORTERS: &[ImporterRow] = &[
         name: own::columns::NAME,
         about: "CSV files of any laboratory, by a mapping file (docs/own-data.md)",
         import: own::import_columns,
-        import_in_space: None,
+        import_in_space: own::import_columns_in_space,
     },
     ImporterRow {
         name: own::topics::NAME,
         about: "rosbag2 folders and MCAP files of any robot, by a mapping file (docs/own-data.md)",
         import: own::import_topics,
-        import_in_space: None,
+        import_in_space: own::import_topics_in_space,
     },
     ImporterRow {
         name: stanford_whisker::NAME,
         about: "HaoLiRobo/WhiskerSensing (Li et al. 2024): calibrations, pin trials and object sweeps, planar or in space",
         import: stanford_whisker::import,
-        import_in_space: Some(stanford_whisker::space::traces::import),
+        import_in_space: stanford_whisker::space::traces::import,
     },
 ];
 

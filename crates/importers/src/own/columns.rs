@@ -6,10 +6,10 @@ use std::rc::Rc;
 use csv::ByteRecord;
 use files::{Error, read_table, sha256};
 
-use super::mapping::{Mapping, Stamps};
+use super::mapping::{Layout, Stamps};
+use super::recording::{ReadColumns, Wanted};
 use super::series::{Clock, Series};
 use super::units::Unit;
-use super::{ReadColumns, Wanted};
 
 pub(crate) const NAME: &str = "csv";
 
@@ -17,18 +17,18 @@ pub(crate) const NAME: &str = "csv";
 const MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Reads columns of a CSV with a header.
-pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
-    if mapping.stamps.is_some_and(|stamps| stamps == Stamps::Header) {
+pub(super) fn read(path: &Path, layout: &Layout<'_>, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
+    if layout.stamps.is_some_and(|stamps| stamps == Stamps::Header) {
         return Err(Error::value(path, "stamps", "`header` for a CSV", "`time` with the column of the times"));
     }
     if path.is_dir() {
         return Err(Error::value(path, "file", "a folder", "a CSV file; `whisker import bag` reads rosbag2 folders"));
     }
     let bytes = read_table(path)?;
-    let (body, skipped) = after_lines(bytes.strip_prefix(MARK).unwrap_or(&bytes), mapping.skip_lines);
+    let (body, skipped) = after_lines(bytes.strip_prefix(MARK).unwrap_or(&bytes), layout.skip_lines);
     let (body, is_cut_off) = complete_lines(body);
     let mut rows = csv::ReaderBuilder::new()
-        .delimiter(mapping.delimiter.map_or(b',', |delimiter| delimiter as u8))
+        .delimiter(layout.delimiter as u8)
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)
@@ -39,7 +39,7 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
         None => return Err(table_error(path, 1 + skipped, "header", "the end of the file".into(), "column names")),
         Some(header) => header.map_err(|error| damaged(1 + skipped, error.to_string()))?,
     };
-    let time = mapping.time.as_ref().map(|time| place_of(path, &header, skipped, &time.column)).transpose()?;
+    let time = layout.time.map(|time| place_of(path, &header, skipped, &time.column)).transpose()?;
     let places: Vec<usize> =
         wanted.iter().map(|wanted| place_of(path, &header, skipped, wanted.name)).collect::<Result<_, _>>()?;
     let mut clock = Clock::default();
@@ -53,9 +53,9 @@ pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Res
             return Err(table_error(path, line, "row", format!("{} fields", record.len()), &expected));
         }
         let cell = Cell { path, line, header: &header, record: &record };
-        let time_s = match (&mapping.time, time) {
+        let time_s = match (layout.time, time) {
             (Some(column), Some(place)) => column.unit.si() * cell.number(place, false)?.unwrap_or_default(),
-            _ => row as f64 / mapping.rate_hz,
+            _ => row as f64 / layout.rate_hz,
         };
         let since_s = time_s - *first_s.get_or_insert(time_s);
         if !clock.push(path, line, since_s)? {

@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use files::Error;
 
-use super::mapping::{Gaps, Mapping};
+use super::mapping::{Gaps, Layout};
 
 /// Deviation from equal intervals, in intervals, up to which the rows of a recording are kept as they are.
 const EVEN: f64 = 0.05;
@@ -123,7 +123,7 @@ impl Series {
         let Some(place) = self.values.iter().position(is_larger) else { return Ok(()) };
         let found = format!("{} {unit}", self.values[place].unwrap_or_default());
         let expected = format!("a magnitude of at most {most} {unit}; compare the units of the mapping");
-        Err(table_error(path, column, self.clock.places[place], found, expected))
+        Err(table_error(path, &[column], self.clock.places[place], found, expected))
     }
 
     /// Checks that no single value differs from both its neighbours, in the same direction, by more than `least`, by more than ten
@@ -141,7 +141,7 @@ impl Series {
     ) -> Result<(), Error> {
         let Some(glitch) = self.glitches(least, fastest).next() else { return Ok(()) };
         let expected = format!("single values within {:.3} {unit} of their neighbours: remove the row", glitch.most);
-        Err(table_error(path, column, glitch.line, glitch.found(unit), expected))
+        Err(table_error(path, &[column], glitch.line, glitch.found(unit), expected))
     }
 
     /// The single values that differ from both their neighbours, in the same direction, by more than `least`, by more than ten times
@@ -174,7 +174,7 @@ impl Series {
         let is_wrong = |value: &Option<f64>| value.is_some_and(|value| value != 0.0 && value != 1.0);
         let Some(place) = self.values.iter().position(is_wrong) else { return Ok(()) };
         let found = self.values[place].unwrap_or_default().to_string();
-        Err(table_error(path, column, self.clock.places[place], found, "0, 1 or an empty field".into()))
+        Err(table_error(path, &[column], self.clock.places[place], found, "0, 1 or an empty field".into()))
     }
 
     /// Value of the sample with the nearest time. `None` if the recording has no value there.
@@ -212,8 +212,21 @@ impl Series {
     }
 }
 
-pub(crate) fn table_error(path: &Path, column: &str, line: u64, found: String, expected: String) -> Error {
-    Error::Table { path: path.into(), line, place: format!("column `{column}`"), found, expected }
+/// The error of columns in a line.
+pub(crate) fn table_error(path: &Path, columns: &[&str], line: u64, found: String, expected: String) -> Error {
+    Error::Table { path: path.into(), line, place: named(columns), found, expected }
+}
+
+/// Names of columns, as the place of an error.
+pub(crate) fn named(columns: &[&str]) -> String {
+    match columns {
+        [column] => format!("column `{column}`"),
+        _ => format!("columns {}", join(columns.iter().map(|column| format!("`{column}`")))),
+    }
+}
+
+pub(crate) fn join(texts: impl Iterator<Item = String>) -> String {
+    texts.collect::<Vec<_>>().join(", ")
 }
 
 /// Instants of a trace.
@@ -230,12 +243,12 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// Instants at the rate of the mapping at which all series have values.
+    /// Instants at the rate of the layout at which all series have values.
     ///
     /// # Errors
     /// [`Error`] if the series do not overlap, have a gap that is refused, or have another order of magnitude of rate.
-    pub(crate) fn new(path: &Path, mapping: &Mapping, series: &[&Series]) -> Result<Self, Error> {
-        let rate_hz = mapping.rate_hz;
+    pub(crate) fn new(path: &Path, layout: &Layout<'_>, series: &[&Series]) -> Result<Self, Error> {
+        let rate_hz = layout.rate_hz;
         let clocks = distinct(series);
         let first = clocks.iter().filter_map(|clock| clock.times_s.first()).copied().fold(f64::NEG_INFINITY, f64::max);
         let last = clocks.iter().filter_map(|clock| clock.times_s.last()).copied().fold(f64::INFINITY, f64::min);
@@ -251,7 +264,7 @@ impl Grid {
         for clock in &clocks {
             check_rate(path, rate_hz, clock)?;
         }
-        let gaps = gaps(path, mapping, &clocks, [first, last])?;
+        let gaps = gaps(path, layout, &clocks, [first, last])?;
         let samples: usize = clocks.iter().map(|clock| clock.times_s.len()).sum();
         let covered_s = last - first - gaps.iter().map(|[from, to]| to - from).sum::<f64>();
         if covered_s * rate_hz > MOST_ROWS_PER_SAMPLE * samples as f64 {
@@ -306,15 +319,15 @@ fn check_rate(path: &Path, rate_hz: f64, clock: &Clock) -> Result<(), Error> {
 }
 
 /// Gaps of all clocks within a range of time, in order of time and disjoint.
-fn gaps(path: &Path, mapping: &Mapping, clocks: &[&Clock], [first, last]: [f64; 2]) -> Result<Vec<[f64; 2]>, Error> {
+fn gaps(path: &Path, layout: &Layout<'_>, clocks: &[&Clock], [first, last]: [f64; 2]) -> Result<Vec<[f64; 2]>, Error> {
     let mut gaps: Vec<[f64; 2]> = Vec::new();
     for clock in clocks {
         for (i, pair) in clock.times_s.windows(2).enumerate() {
             let [from, to] = [pair[0].max(first), pair[1].min(last)];
-            if pair[1] - pair[0] <= mapping.longest_gap_s() || to <= from {
+            if pair[1] - pair[0] <= layout.longest_gap_s || to <= from {
                 continue;
             }
-            if mapping.gaps == Gaps::Refuse {
+            if layout.gaps == Gaps::Refuse {
                 return Err(Error::Table {
                     path: path.into(),
                     line: clock.places[i + 1],
@@ -322,7 +335,7 @@ fn gaps(path: &Path, mapping: &Mapping, clocks: &[&Clock], [first, last]: [f64; 
                     found: format!("a gap of {:.6} s after {} s", pair[1] - pair[0], pair[0]),
                     expected: format!(
                         "at most {} s; state `\"gaps\": \"leave\"` to leave gaps without rows, or a larger `longest_gap_s`",
-                        mapping.longest_gap_s()
+                        layout.longest_gap_s
                     ),
                 });
             }

@@ -13,9 +13,9 @@ use bag::{Reader, Record};
 use files::{Digest, Error};
 use serde_json::Value;
 
-use super::mapping::{Mapping, Stamps};
+use super::mapping::{Layout, Stamps};
+use super::recording::{ReadColumns, Wanted};
 use super::series::{Clock, Series};
-use super::{ReadColumns, Wanted};
 
 pub(crate) const NAME: &str = "bag";
 
@@ -30,27 +30,27 @@ struct Column<'a> {
 }
 
 /// Reads fields of the messages of a recording.
-pub(super) fn read(path: &Path, mapping: &Mapping, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
-    if mapping.time.is_some() {
+pub(super) fn read(path: &Path, layout: &Layout<'_>, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
+    if layout.time.is_some() {
         return Err(Error::value(path, "time", "a column", "`stamps` for a bag: `log` or `header`"));
     }
     let reader = Reader::open(path).map_err(converted)?;
     let mut topics = Vec::new();
-    let first = read_fields(&reader, path, mapping, wanted, &mut topics);
+    let first = read_fields(&reader, path, layout, wanted, &mut topics);
     if first.is_err() {
         topics = topics_of(&reader)?;
     }
     // A column belongs to the topic with the longest name, which may appear after others.
     let is_ambiguous =
         |wanted: &Wanted<'_>| topics.iter().filter(|topic| within(wanted.name, topic).is_some()).count() > 1;
-    if wanted.iter().any(is_ambiguous) { read_fields(&reader, path, mapping, wanted, &mut topics) } else { first }
+    if wanted.iter().any(is_ambiguous) { read_fields(&reader, path, layout, wanted, &mut topics) } else { first }
 }
 
 /// Reads fields of the messages with the known topics, to which those of the messages are added.
 fn read_fields(
     reader: &Reader,
     path: &Path,
-    mapping: &Mapping,
+    layout: &Layout<'_>,
     wanted: &[Wanted<'_>],
     topics: &mut Vec<String>,
 ) -> Result<ReadColumns, Error> {
@@ -72,7 +72,7 @@ fn read_fields(
             }
             let message = message.as_ref().expect("it was decoded");
             let Some(Found { value, stamp }) = value_at(&record, message, field, column.wanted)? else { continue };
-            let time_ns = match mapping.stamps {
+            let time_ns = match layout.stamps {
                 Some(Stamps::Header) => stamp_ns(&record, stamp.as_ref())?,
                 _ => i128::from(record.time_ns),
             };
@@ -231,8 +231,8 @@ fn stamp_ns(record: &Record, stamp: Option<&Value>) -> Result<i128, Error> {
 mod tests {
     use bag::messages::{Header, TfMessage, Time, Transform, TransformStamped, Vector3};
     use bag::{Publisher, Writer};
-    use serde_json::json;
 
+    use super::super::mapping::Gaps;
     use super::*;
 
     /// Frames of one message, each with its stamp; a column is read with the stamps of its own frame.
@@ -256,15 +256,18 @@ mod tests {
             writer.write("/tf", i * INTERVAL_NS, &TfMessage { transforms }).unwrap();
         }
         writer.finish().unwrap();
-        let mapping: Mapping = serde_json::from_value(json!({
-            "format": 1, "kind": "import", "whisker": "straight", "rate_hz": 100.0, "stamps": "header",
-            "pose": {"x": {"value": 0.0, "unit": "m"}, "y": {"value": 0.0, "unit": "m"}},
-            "reading": {"column": "/reading/data", "unit": "N m"}, "recordings": [],
-        }))
-        .unwrap();
+        let layout = Layout {
+            rate_hz: 100.0,
+            delimiter: ',',
+            skip_lines: 0,
+            time: None,
+            stamps: Some(Stamps::Header),
+            longest_gap_s: 0.5,
+            gaps: Gaps::Refuse,
+        };
         let wanted = ["cart", "tool", "0"].map(|frame| format!("/tf/transforms[{frame}]/transform/translation/x"));
         let wanted = [0, 1, 2].map(|i| Wanted { name: &wanted[i], may_be_empty: false });
-        let found = read(&path, &mapping, &wanted).unwrap().series;
+        let found = read(&path, &layout, &wanted).unwrap().series;
         let [cart, tool, first] = found.try_into().ok().unwrap();
         let agree = |series: &Series, expected_s: &[f64]| {
             let found_s = &series.clock.times_s;

@@ -60,6 +60,15 @@ impl BendingResponse {
         self.response() * moment_n_m
     }
 
+    /// Standard deviations of the moments about y and z (N m), 2x1, by the independent noise of both channels (counts), 2x1.
+    pub fn noise_sd_n_m(&self, noise_sd_counts: Vector2<f64>) -> Vector2<f64> {
+        let variances = |channel: usize| {
+            let moment_n_m = self.moment_n_m(Vector2::ith(channel, noise_sd_counts[channel]));
+            moment_n_m.component_mul(&moment_n_m)
+        };
+        (variances(0) + variances(1)).map(f64::sqrt)
+    }
+
     fn is_valid(&self) -> bool {
         let response = self.response();
         if !response.iter().all(|entry| entry.is_finite()) {

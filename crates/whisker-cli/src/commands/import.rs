@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// Mapping file, or folder with the recordings of a published format
     #[arg(required_unless_present = "list")]
     path: Option<PathBuf>,
-    /// Import traces in space, with all axes and channels, instead of planar traces
+    /// Import traces in space instead of planar traces: poses with six degrees of freedom and two bending channels
     #[arg(long)]
     space: bool,
     /// Folder for the traces [default: datasets/<format>, datasets/<format>-space with --space]
@@ -50,14 +50,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         let known: Vec<_> = IMPORTERS.iter().map(|row| row.name).collect();
         format!("unknown format `{format}`, expected one of: {}", known.join(", "))
     })?;
-    let (import, default) = match (arguments.space, row.import_in_space) {
-        (false, _) => (row.import, row.name.to_owned()),
-        (true, Some(import)) => (import, format!("{}-space", row.name)),
-        (true, None) => {
-            let known = IMPORTERS.iter().filter(|row| row.import_in_space.is_some()).map(|row| row.name);
-            let known = known.collect::<Vec<_>>().join(", ");
-            bail!("--space: found the format `{format}`, whose recordings are planar, expected one of: {known}")
-        }
+    let (import, default) = match arguments.space {
+        false => (row.import, row.name.to_owned()),
+        true => (row.import_in_space, format!("{}-space", row.name)),
     };
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("datasets").join(default));
     let _lock = reserve_folder(&out, slice::from_ref(path))?;

@@ -185,16 +185,7 @@ impl<'a> Converted<'a> {
         let (mut instants, mut truth) = (Vec::new(), Vec::new());
         for Row { t_s, base, counts, pin } in rows {
             let moment_n_m = self.response.moment_n_m(counts);
-            instants.push(SpatialInstant {
-                t_s,
-                base,
-                twist: None,
-                moment_x_n_m: None,
-                moment_y_n_m: moment_n_m.x,
-                moment_z_n_m: moment_n_m.y,
-                force_x_n: None,
-                rotation: None,
-            });
+            instants.push(SpatialInstant::measured(t_s, base, moment_n_m));
             let place = pin.filter(|_| counts.norm() > self.touch_counts);
             truth.push(SpatialTruthInstant { touching: place.map(|_| true), contact: None, place });
         }
@@ -223,7 +214,7 @@ impl<'a> Converted<'a> {
                 counts_per_n_m: self.response,
                 residual_counts: self.residual_counts.into(),
                 rest_counts: rest_counts.into(),
-                noise_sd_n_m: self.noise_sd_n_m().into(),
+                noise_sd_n_m: self.response.noise_sd_n_m(self.calibration.noise_sd_counts).into(),
                 touch_counts: self.touch_counts,
                 object_class: class_of(head.object),
             }),
@@ -232,15 +223,6 @@ impl<'a> Converted<'a> {
         let mut trace = SpatialTrace { sidecar, recording, truth };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         trace
-    }
-
-    /// Standard deviations of the moments about y and z by the independent noise of both channels.
-    fn noise_sd_n_m(&self) -> Vector2<f64> {
-        let of_channel = |channel: usize| {
-            let counts = Vector2::ith(channel, self.calibration.noise_sd_counts[channel]);
-            self.response.moment_n_m(counts).map(|moment_n_m| moment_n_m * moment_n_m)
-        };
-        (of_channel(0) + of_channel(1)).map(f64::sqrt)
     }
 }
 

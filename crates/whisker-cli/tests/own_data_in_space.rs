@@ -1,0 +1,413 @@
+//! From recordings in space to estimates: import, check, fit, replay and evaluation of the example.
+
+#[path = "own_data/made_in_space.rs"]
+mod made;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use bag::messages::{Header, MagneticField, Point, Pose, PoseStamped, Quaternion, Time, Vector3 as RosVector3};
+use bag::{Publisher, Writer};
+use nalgebra::{Isometry3, Matrix2, Quaternion as Rotation, UnitQuaternion, Vector3};
+use serde_json::{Value, json};
+use trace::{SpatialSidecar, SpatialTrace};
+
+fn example() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data-space")
+}
+
+fn whisker(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
+}
+
+/// Runs a command that must succeed. Returns stdout and stderr.
+fn good(arguments: &[&str]) -> (String, String) {
+    let output = whisker(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?} ended with {:?}: {errors}", output.status);
+    (String::from_utf8(output.stdout).unwrap(), errors)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Copy of the example with another mapping.
+fn changed(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in fs::read_dir(example()).unwrap() {
+        let path = entry.unwrap().path();
+        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    let path = folder.path().join("import.json");
+    let mut mapping = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    change(&mut mapping);
+    fs::write(&path, mapping.to_string()).unwrap();
+    folder
+}
+
+/// Changes the cells of a recording, by line from 1.
+fn rewrite(folder: &tempfile::TempDir, name: &str, change: impl Fn(usize, &mut Vec<String>)) {
+    let path = folder.path().join(name);
+    let text = fs::read_to_string(&path).unwrap();
+    let line = |(i, line): (usize, &str)| {
+        let mut cells: Vec<String> = line.split(',').map(Into::into).collect();
+        change(i + 1, &mut cells);
+        cells.join(",") + "\n"
+    };
+    fs::write(&path, text.lines().enumerate().map(line).collect::<String>()).unwrap();
+}
+
+/// Imports the mapping of a folder. Returns the folder of the traces.
+fn imported(folder: &tempfile::TempDir) -> PathBuf {
+    let out = folder.path().join("traces");
+    good(&["import", "csv", text(&folder.path().join("import.json")), "--space", "--out", text(&out)]);
+    out
+}
+
+/// Asserts that an import fails with a single error that contains every one of `words`.
+fn fails(folder: &tempfile::TempDir, words: &[&str]) {
+    let out = folder.path().join("traces");
+    let output = whisker(&["import", "csv", text(&folder.path().join("import.json")), "--space", "--out", text(&out)]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
+    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
+    let [failure] = failures[..] else { panic!("printed: {errors}") };
+    for word in words {
+        assert!(failure.contains(word), "does not contain `{word}`: {failure}");
+    }
+}
+
+/// Angles of a rotation, as a robot states them.
+type StateAngles = fn(&UnitQuaternion<f64>) -> [f64; 3];
+
+fn read(traces: &Path, name: &str) -> SpatialTrace {
+    SpatialTrace::read(&traces.join(format!("{name}.csv"))).unwrap()
+}
+
+#[test]
+#[ignore = "writes examples/own-data-space"]
+fn write_example() {
+    for (name, rows) in made::recordings() {
+        fs::write(example().join(format!("{name}.csv")), made::csv(&rows)).unwrap();
+    }
+}
+
+#[test]
+fn regress_the_example_is_that_of_the_rod() {
+    for (name, rows) in made::recordings() {
+        let stored = fs::read_to_string(example().join(format!("{name}.csv"))).unwrap();
+        let made = made::csv(&rows);
+        assert_eq!(stored.lines().count(), made.lines().count(), "{name}");
+        for (stored, made) in stored.lines().zip(made.lines()).skip(1) {
+            let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
+            // The last digit may differ with the C library.
+            assert!(
+                cells(stored).iter().zip(cells(made)).all(|(a, b)| (a - b).abs() <= 1.0),
+                "{name}: {stored} {made}"
+            );
+        }
+    }
+}
+
+/// Response, poses and contacts of the import are those from which the example was made.
+#[test]
+fn verif_the_import_recovers_response_poses_and_contacts() {
+    let folder = changed(|_| {});
+    let traces = imported(&folder);
+    let true_response = Matrix2::from(made::COUNTS_PER_N_M).transpose();
+    for (name, rows) in made::recordings() {
+        let trace = read(&traces, &name);
+        let recorded = trace.sidecar.recorded.as_ref().unwrap();
+        let response = recorded.counts_per_n_m.response();
+        // Its cubic part is not part of the linear response.
+        assert!((response - true_response).norm() < 0.02 * true_response.norm(), "{name}: {response}");
+        assert!(recorded.residual_counts.iter().all(|residual| *residual < 5.0), "{name}: {recorded:?}");
+        let off = recorded.rest_counts.iter().zip([512.0, -140.0]).map(|(found, expected)| (found - expected).abs());
+        assert!(off.fold(0.0, f64::max) <= 1.0, "{name}: {:?}", recorded.rest_counts);
+        let known = trace.truth.instants.iter().filter(|truth| truth.place.is_some()).count();
+        let touching = rows.iter().filter(|row| row.contact_m.is_some()).count();
+        assert!(known > touching * 9 / 10 && known <= touching, "{name}: {known} of {touching}");
+        let mut worst_m: f64 = 0.0;
+        for (row, (now, truth)) in trace.recording.instants.iter().zip(&trace.truth.instants).enumerate() {
+            // The time of a row differs from that of a sample by up to 3 ms.
+            let (base, expected) = (now.base, rows[row].flange * made::mount());
+            assert!((base.position - expected.translation.vector).norm() < 1e-3, "{name} {row}");
+            assert!(base.rotation.angle_to(&expected.rotation) < 0.02, "{name} {row}");
+            if let (Some(found), Some(expected)) = (truth.place, rows[row].contact_m) {
+                worst_m = worst_m.max((found - expected).norm());
+            }
+        }
+        assert!(worst_m < 0.3e-3, "{name}: {worst_m} m");
+    }
+}
+
+#[test]
+fn verif_own_csv_in_space_gives_accurate_contacts() {
+    let work = tempfile::tempdir().unwrap();
+    let (traces, results) = (work.path().join("lab"), work.path().join("results"));
+    let mapping = example().join("import.json");
+    let (listed, notes) = good(&["import", "csv", text(&mapping), "--space", "--out", text(&traces)]);
+    assert!(listed.contains("lab-whisker") && notes.contains("trial_1: interpolated"), "{listed}{notes}");
+    assert!(!notes.contains("warning") && !notes.contains("without their contact"), "{notes}");
+    good(&["check", text(&traces)]);
+    good(&["fit", text(&traces), "--model", "spline"]);
+    good(&["evaluate", text(&traces), "--estimators", "recommended", "--results", text(&results)]);
+    let mut table = csv::Reader::from_path(results.join("lab/space_trials.csv")).unwrap();
+    let place = table.headers().unwrap().iter().position(|column| column == "rmse_m").unwrap();
+    let rmse_m: Vec<f64> = table.records().map(|row| row.unwrap()[place].parse().unwrap()).collect();
+    assert!(rmse_m.len() == 1 && rmse_m[0] < 0.3e-3, "{rmse_m:?}");
+}
+
+/// Roll, pitch and yaw, a rotation vector and a quaternion of either sign give the same poses.
+#[test]
+fn verif_orientations_in_every_form_give_the_same_poses() {
+    let reference = read(&imported(&changed(|_| {})), "trial_1");
+    let forms: [(Value, StateAngles); 2] = [
+        (
+            json!({"roll_pitch_yaw": {"roll": {"column": "flange_qx", "unit": "deg"},
+                "pitch": {"column": "flange_qy", "unit": "deg"}, "yaw": {"column": "flange_qz", "unit": "deg"}}}),
+            |rotation| {
+                let (roll, pitch, yaw) = rotation.euler_angles();
+                [roll, pitch, yaw].map(f64::to_degrees)
+            },
+        ),
+        (
+            json!({"rotation_vector": {"x": {"column": "flange_qx", "unit": "rad"},
+                "y": {"column": "flange_qy", "unit": "rad"}, "z": {"column": "flange_qz", "unit": "rad"}}}),
+            |rotation| rotation.scaled_axis().into(),
+        ),
+    ];
+    let quaternion = |cells: &[String]| {
+        let [w, x, y, z] = [4, 5, 6, 7].map(|place: usize| cells[place].parse::<f64>().unwrap());
+        UnitQuaternion::new_normalize(Rotation::new(w, x, y, z))
+    };
+    let mut found = Vec::new();
+    for (orientation, state) in forms {
+        let folder = changed(|mapping| mapping["pose"]["orientation"] = orientation);
+        for name in made::recordings().into_iter().map(|(name, _)| name + ".csv") {
+            rewrite(&folder, &name, |line, cells| {
+                if line > 1 {
+                    let stated = state(&quaternion(cells)).map(|angle| format!("{angle:.9}"));
+                    cells.splice(5..8, stated);
+                }
+            });
+        }
+        found.push(read(&imported(&folder), "trial_1"));
+    }
+    // Every other row with the opposite sign.
+    let folder = changed(|_| {});
+    rewrite(&folder, "trial_1.csv", |line, cells| {
+        if line > 1 && line % 2 == 0 {
+            for component in &mut cells[4..8] {
+                *component = (-component.parse::<f64>().unwrap()).to_string();
+            }
+        }
+    });
+    found.push(read(&imported(&folder), "trial_1"));
+    for trace in found {
+        for (found, expected) in trace.recording.instants.iter().zip(&reference.recording.instants) {
+            assert!((found.base.position - expected.base.position).norm() < 1e-7);
+            assert!((found.base.rotation.coords - expected.base.rotation.coords).norm() < 1e-6);
+        }
+    }
+}
+
+/// A pin that is moved past a whisker at rest: World is fixed to the pin.
+#[test]
+fn verif_a_moving_object_gives_the_same_contacts_in_base() {
+    let reference = read(&imported(&changed(|_| {})), "trial_1");
+    let folder = changed(|mapping| {
+        // The pose of the pin in the frame of the base, which is at rest in that of the recorded positions.
+        mapping["pose"]["of"] = "object".into();
+        mapping["base"] =
+            json!({"x": {"value": 0, "unit": "m"}, "y": {"value": 0, "unit": "m"}, "z": {"value": 0, "unit": "m"}});
+        for axis in ["x", "y", "z"] {
+            mapping["contact"][axis] = json!({"value": 0, "unit": "m"});
+        }
+    });
+    for (name, rows) in made::recordings() {
+        rewrite(&folder, &format!("{name}.csv"), |line, cells| {
+            let Some(row) = line.checked_sub(2).map(|row| rows[row]) else { return };
+            let pin = (row.flange * made::mount()).inverse()
+                * Isometry3::from_parts(Vector3::from(made::PIN_M).into(), UnitQuaternion::identity());
+            let at = pin.translation.vector;
+            let [x, y, z, w]: [f64; 4] = pin.rotation.coords.into();
+            let pose = [1e3 * at.x, 1e3 * at.y, 1e3 * at.z, w, x, y, z].map(|number| format!("{number:.9}"));
+            cells.splice(1..8, pose);
+        });
+    }
+    let trace = read(&imported(&folder), "trial_1");
+    let mut known = 0;
+    for (row, truth) in trace.truth.instants.iter().enumerate() {
+        let in_base = |trace: &SpatialTrace| {
+            let base = trace.recording.instants[row].base;
+            Some(base.rotation.inverse() * (trace.truth.instants[row].place? - base.position))
+        };
+        if let (Some(_), Some(found), Some(expected)) = (truth.place, in_base(&trace), in_base(&reference)) {
+            assert!((found - expected).norm() < 1e-5, "{row}: {found} {expected}");
+            known += 1;
+        }
+    }
+    assert!(known > 400, "{known}");
+}
+
+#[test]
+fn verif_own_bag_in_space_gives_the_same_contacts_as_the_csv() {
+    let work = tempfile::tempdir().unwrap();
+    for (name, rows) in made::recordings() {
+        let mut writer = Writer::create(&work.path().join(name)).unwrap();
+        for row in rows {
+            let time_ns = |late_ms: f64| (1e6 * (row.time_ms + late_ms)) as u64;
+            let header = |time_ns| Header { stamp: Time::from_nanoseconds(time_ns), frame_id: "world".into() };
+            let at = row.flange.translation.vector;
+            let [x, y, z, w]: [f64; 4] = row.flange.rotation.coords.into();
+            let pose = Pose { position: Point { x: at.x, y: at.y, z: at.z }, orientation: Quaternion { x, y, z, w } };
+            writer.write("/flange", time_ns(0.0), &PoseStamped { header: header(time_ns(0.0)), pose }).unwrap();
+            let [a, b] = row.counts;
+            let magnetic_field = RosVector3 { x: a, y: b, z: 0.0 };
+            let header = header(time_ns(0.4));
+            let field = MagneticField { header, magnetic_field, magnetic_field_covariance: [0.0; 9] };
+            writer.write("/magnetometer", time_ns(0.4), &field).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+    let mut mapping: Value = serde_json::from_slice(&fs::read(example().join("import.json")).unwrap()).unwrap();
+    mapping.as_object_mut().unwrap().remove("time");
+    mapping["stamps"] = "header".into();
+    for axis in ["x", "y", "z"] {
+        mapping["pose"][axis] = json!({"column": format!("/flange/pose/position/{axis}"), "unit": "m"});
+    }
+    let components =
+        ["w", "x", "y", "z"].map(|name| (name.to_owned(), format!("/flange/pose/orientation/{name}").into()));
+    mapping["pose"]["orientation"] = json!({"quaternion": Value::Object(components.into_iter().collect())});
+    let channel = |axis: &str| json!({"column": format!("/magnetometer/magnetic_field/{axis}")});
+    mapping["reading"]["channels"] = json!([channel("x"), channel("y")]);
+    for recording in mapping["recordings"].as_array_mut().unwrap() {
+        recording["file"] = recording["file"].as_str().unwrap().trim_end_matches(".csv").into();
+    }
+    let path = work.path().join("import.json");
+    fs::write(&path, mapping.to_string()).unwrap();
+    let from_bag = work.path().join("bag");
+    good(&["import", "bag", text(&path), "--space", "--out", text(&from_bag)]);
+    let (bag, csv) = (read(&from_bag, "trial_1"), read(&imported(&changed(|_| {})), "trial_1"));
+    let mut known = 0;
+    for (bag, csv) in bag.truth.instants.iter().zip(&csv.truth.instants) {
+        if let (Some(bag), Some(csv)) = (bag.place, csv.place) {
+            assert!((bag - csv).norm() < 0.3e-3, "{bag} {csv}");
+            known += 1;
+        }
+    }
+    assert!(known > 400, "{known}");
+}
+
+/// Moments in the frame of Base need no calibration, and keep their size.
+#[test]
+fn verif_moments_are_imported_without_a_response() {
+    let folder = changed(|mapping| {
+        mapping["reading"]["unit"] = "mN mm".into();
+        mapping["reading"]["channels"][1]["sign"] = json!(-1);
+        for recording in mapping["recordings"].as_array_mut().unwrap() {
+            recording["role"] = "trial".into();
+        }
+    });
+    let trace = read(&imported(&folder), "trial_1");
+    let recorded = trace.sidecar.recorded.unwrap();
+    let unit = Matrix2::new(1e6, 0.0, 0.0, -1e6);
+    assert!((recorded.counts_per_n_m.response() - unit).norm() < 1e-6);
+    assert_eq!(recorded.residual_counts, [0.0; 2]);
+}
+
+#[test]
+fn robust_a_mapping_of_the_other_kind_is_named() {
+    let folder = changed(|mapping| mapping["format"] = json!(1));
+    fails(&folder, &["import.json: format: found 1, expected 2, a mapping in space; without `--space`"]);
+    let output = whisker(&["import", "csv", text(&example().join("import.json")), "--out", text(folder.path())]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("format: found 2, expected 1, a mapping in the plane; `--space` imports"), "{errors}");
+}
+
+#[test]
+fn robust_wrong_values_of_a_mapping_in_space_are_named() {
+    let of = |change: fn(&mut Value), words: &[&str]| fails(&changed(change), words);
+    of(
+        |mapping| mapping["recordings"][1]["face"] = "left".into(),
+        &["recordings[1].face: found a value, expected none in space"],
+    );
+    of(
+        |mapping| mapping["reading"]["channels"][1]["column"] = "hall_a".into(),
+        &["reading.channels: found `hall_a` twice, expected two bending channels"],
+    );
+    of(
+        |mapping| mapping["reading"]["counts_per_n_m"] = json!([[1e7, 2e7], [2e7, 4e7]]),
+        &["reading.counts_per_n_m: found [[10000000.0, 20000000.0]", "a matrix that can be inverted"],
+    );
+    of(
+        |mapping| mapping["contact"]["axis"] = json!([0, 0, 0]),
+        &["contact.axis: found [0.0, 0.0, 0.0], expected a direction, not all zero"],
+    );
+    of(
+        |mapping| mapping["contact"].as_object_mut().map_or((), |contact| drop(contact.remove("axis"))),
+        &["contact.radius: found a radius without `axis`, expected"],
+    );
+    of(
+        |mapping| mapping["pose"]["orientation"]["quaternion"]["w"] = "flange_x_mm".into(),
+        &[
+            "calibration_1.csv:2: columns `flange_x_mm`, `flange_qx`",
+            "found a quaternion of norm",
+            "expected a norm of 1",
+        ],
+    );
+    of(
+        |mapping| mapping["base"]["orientation"] = json!({"quaternion": {"w": 2, "x": 0, "y": 0, "z": 0}}),
+        &["base.orientation: found a quaternion of norm 2, expected a unit quaternion"],
+    );
+    of(
+        |mapping| mapping["base"]["orientation"] = mapping["pose"]["orientation"].clone(),
+        &["base.orientation: found columns, expected constant values"],
+    );
+    of(
+        |mapping| mapping["suspension"] = json!({"yaw_n_m_rad": -1, "pitch_n_m_rad": 1, "twist_n_m_rad": 1}),
+        &["suspension.yaw_n_m_rad: found -1, expected a positive number"],
+    );
+    of(|mapping| mapping["poisson_ratio"] = json!(0.7), &["poisson_ratio: found 0.7, expected"]);
+}
+
+#[test]
+fn robust_a_calibration_that_does_not_determine_the_response_is_named() {
+    let one_side = changed(|mapping| {
+        let recordings = mapping["recordings"].as_array_mut().unwrap();
+        recordings
+            .retain(|recording| ["calibration_1.csv", "trial_1.csv"].iter().any(|name| recording["file"] == *name));
+    });
+    let words = ["reading.counts_per_n_m: found", "contacts on different sides of the whisker"];
+    let folder = changed(|mapping| mapping["contact"]["x"]["unit"] = "m".into());
+    fails(
+        &folder,
+        &["reading.counts_per_n_m: found none, and 0 of", "contacts of the calibration within reach", words[1]],
+    );
+    fails(&one_side, &words);
+}
+
+#[test]
+fn robust_a_single_wrong_orientation_is_named() {
+    let folder = changed(|_| {});
+    rewrite(&folder, "trial_1.csv", |line, cells| {
+        if line == 200 {
+            cells.splice(4..8, ["1", "0", "0", "0"].map(Into::into));
+        }
+    });
+    fails(
+        &folder,
+        &["trial_1.csv:200: columns `flange_qw`", "found a rotation from those of the rows before and after"],
+    );
+}
+
+#[test]
+fn verif_the_sidecar_is_read_again() {
+    let folder = changed(|mapping| mapping["poisson_ratio"] = json!(0.3));
+    let traces = imported(&folder);
+    let sidecar = SpatialSidecar::read(&traces.join("trial_1.json")).unwrap();
+    assert_eq!((sidecar.poisson_ratio, sidecar.object.as_str()), (0.3, "pin"));
+}
