@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 STREAM = runpy.run_path(str(ROOT / "examples" / "own-data" / "stream.py"))
+STREAM_IN_SPACE = runpy.run_path(str(ROOT / "examples" / "own-data-space" / "stream.py"))
 
 
 def moments_n_m(at_m: np.ndarray) -> np.ndarray:
@@ -81,3 +82,25 @@ def test_the_stream_states_the_pose_of_the_root() -> None:
     """The flange points along +y: the root is 30 mm ahead of it and 10 mm to its right, and points along -x."""
     found = STREAM["base"]((0.4, 0.1, math.pi / 2))
     assert found == pytest.approx({"base_x_m": 0.41, "base_y_m": 0.13, "base_yaw_rad": math.pi})
+
+
+def test_the_stream_in_space_sends_the_counts_of_every_row() -> None:
+    lines = list(STREAM_IN_SPACE["lines"]())
+    recording = ROOT / "examples" / "own-data-space" / "trial_1.csv"
+    assert len(lines) == len(recording.read_text(encoding="utf-8").splitlines()) - 1
+    pose = {"base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz"}
+    assert all(set(line) == {"t_s", "counts"} | pose for line in lines)
+    end_s = lines[0]["t_s"] + STREAM_IN_SPACE["FIRST_LINE"]["zeroing_s"]
+    at_rest = np.array([line["counts"] for line in lines if line["t_s"] <= end_s])
+    assert np.abs(at_rest - [512.0, -140.0]).max() <= 6.0
+
+
+def test_the_stream_in_space_states_the_pose_of_the_root() -> None:
+    """The flange is turned by a right angle about +z, so that its y axis is -x: the whisker points there, tilted down by 30 degrees."""
+    half = math.sqrt(0.5)
+    found = STREAM_IN_SPACE["base"]((0.4, 0.1, 0.3), (half, 0.0, 0.0, half))
+    place = {"base_x_m": 0.41, "base_y_m": 0.13, "base_z_m": 0.35}
+    assert {key: found[key] for key in place} == pytest.approx(place)
+    w, x, y, z = (found[f"base_q{axis}"] for axis in "wxyz")
+    along = (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y))
+    assert along == pytest.approx((-math.cos(math.radians(30)), 0.0, -0.5))

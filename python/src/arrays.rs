@@ -44,6 +44,11 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Numbers<'py> {
 }
 
 impl<'py> Numbers<'py> {
+    /// Shape of the array.
+    pub(crate) fn shape(&self) -> &[usize] {
+        self.0.shape()
+    }
+
     /// The numbers of a part of an argument, which errors name `what`.
     pub(crate) fn of(what: &str, object: &Bound<'py, PyAny>) -> PyResult<Self> {
         object.extract().map_err(|error| of_argument(object.py(), what, error))

@@ -59,8 +59,8 @@ mod _native {
     use crate::simulate::simulate;
     #[pymodule_export]
     use crate::space::{
-        Rod, SpatialCalibration, SpatialContacts, SpatialEstimate, SpatialEstimator, SpatialPrediction, SpatialReplay,
-        SpatialSurface, SpatialTrace, SpatialTrial, fit_spatial_calibration, load_spatial_calibration,
+        BendingSensor, Rod, SpatialCalibration, SpatialContacts, SpatialEstimate, SpatialEstimator, SpatialPrediction,
+        SpatialReplay, SpatialSurface, SpatialTrace, SpatialTrial, fit_spatial_calibration, load_spatial_calibration,
         spatial_cramer_rao_bound, spatial_estimators,
     };
     #[pymodule_export]

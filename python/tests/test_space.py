@@ -225,6 +225,25 @@ def test_verif_a_calibration_states_whether_the_sensor_is_a_real_one(tmp_path, r
     assert (calibration.real_sensor, real.real_sensor, restored.real_sensor) == (False, True, True)
 
 
+def test_verif_the_sensor_of_a_calibration_converts_counts(tmp_path, calibration):
+    with pytest.raises(ValueError, match="found no sensor, expected a calibration that"):
+        calibration.sensor()
+    calibration.write(tmp_path / "calibration.json")
+    stored = json.loads((tmp_path / "calibration.json").read_text())
+    response = [[2e7, 5e6], [-4e6, 3e7]]
+    stored["sensor"] = {"counts_per_n_m": response, "noise_sd_n_m": 1e-7}
+    (tmp_path / "calibration.json").write_text(json.dumps(stored))
+    sensor = wc.load_spatial_calibration(tmp_path / "calibration.json").sensor()
+    assert sensor.counts_per_n_m.tolist() == response
+    assert sensor.noise_sd_n_m == 1e-7
+    moments = np.array([[1e-6, -2e-6], [3e-6, 0.0]])
+    counts = moments @ np.transpose(response)
+    assert np.allclose(sensor.moments_n_m(counts), moments, rtol=1e-12, atol=1e-20)
+    assert np.array_equal(sensor.moments_n_m(counts[0]), sensor.moments_n_m(counts)[0])
+    with pytest.raises(ValueError, match=r"counts: found an array of shape \[3\], expected shape \[n, 2\]"):
+        sensor.moments_n_m([1.0, 2.0, 3.0])
+
+
 def test_robust_a_calibration_of_missing_traces_is_refused(tmp_path, calibration):
     for name in ("one", "other"):
         for end in ("csv", "json"):

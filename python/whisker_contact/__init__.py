@@ -13,7 +13,7 @@ the known motion of the root, an estimator computes the point of contact.
 | several whiskers | `scene_map`, `SceneMap`, `MappedObject` |
 | mechanics in space | `Rod`, `SpatialContacts` |
 | recordings and sensor models in space | `SpatialTrace`, `load_spatial_calibration`, `fit_spatial_calibration`, \
-`SpatialCalibration`, `SpatialPrediction` |
+`SpatialCalibration`, `SpatialPrediction`, `BendingSensor` |
 | estimation in space | `SpatialEstimator`, `SpatialEstimate`, `SpatialReplay`, `spatial_estimators` |
 | surfaces in space | `SpatialSurface` |
 | evaluation in space | `SpatialTrial`, `evaluate`, `spatial_cramer_rao_bound`, `spatial_front_ends` |
@@ -30,6 +30,7 @@ threads, and Ctrl-C ends them.
 """
 
 from ._native import (
+    BendingSensor,
     Calibration,
     Contacts,
     Dataset,
@@ -79,6 +80,7 @@ from .figures import plot_outline, plot_sweep
 from .results import Results, frame, read_results, read_table
 
 __all__ = [
+    "BendingSensor",
     "Calibration",
     "Contacts",
     "Dataset",

@@ -104,7 +104,7 @@ pub struct WhiskerEntry {
     /// given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moment: Option<String>,
-    /// Magnetometer, for planar estimators alone. Missing: `moment` is given.
+    /// Magnetometer. Missing: `moment` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<CountsEntry>,
 }
@@ -124,9 +124,12 @@ pub struct CountsEntry {
     /// Name of the sensor in the calibration, `array.sensor`. Missing: the calibration has one sensor alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
-    /// Axis that is read.
-    #[serde(default)]
-    pub axis: Axis,
+    /// Axis that is read, in the plane. Missing: [`Axis::Y`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<Axis>,
+    /// Axes of both channels, in space, in the order of the recordings of the calibration. Missing: x and y.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axes: Option<[Axis; 2]>,
     /// Number of values of a counter that wraps, such as 65536. Missing: the counts do not wrap.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub modulo: Option<f64>,
@@ -156,13 +159,12 @@ impl CountsMessage {
 }
 
 /// Axis of a magnetometer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
     /// First axis.
     X,
-    /// Second axis, which is read by default.
-    #[default]
+    /// Second axis.
     Y,
     /// Third axis.
     Z,
@@ -288,8 +290,22 @@ impl WhiskerEntry {
 }
 
 impl CountsEntry {
+    /// Index of the axis that is read in the plane.
+    pub(crate) fn planar_axis(&self) -> usize {
+        self.axis.unwrap_or(Axis::Y) as usize
+    }
+
+    /// Indices of the axes that are read in space.
+    pub(crate) fn spatial_axes(&self) -> [usize; 2] {
+        self.axes.unwrap_or([Axis::X, Axis::Y]).map(|axis| axis as usize)
+    }
+
     fn check(&self, path: &Path, key: impl Fn(&str) -> String) -> Result<(), Error> {
         is_topic(path, &key("counts.topic"), &self.topic)?;
+        if let Some([first, second]) = self.axes.filter(|[first, second]| first == second) {
+            let found = format!("{:?} and {:?}", first, second).to_lowercase();
+            return Err(Error::value(path, key("counts.axes"), found, "two axes"));
+        }
         self.reference.iter().try_for_each(|topic| is_topic(path, &key("counts.reference"), topic))?;
         within(path, &key("counts.zeroing_s"), self.zeroing_s, ZEROINGS_S[0], ZEROINGS_S[1])?;
         self.modulo.iter().try_for_each(|modulo| within(path, &key("counts.modulo"), *modulo, MODULI[0], MODULI[1]))

@@ -4,6 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use bag::messages::PoseWithCovariance;
+use live::counts::Counts;
 use live::{Answer, Planar};
 use nalgebra::Vector3;
 use testbed::contour::Contour;
@@ -57,14 +58,11 @@ impl PlanarGeometry {
 
 impl Geometry for PlanarGeometry {
     type Kind = Planar;
+    type Counts = Counts;
     type Projection = OnPlane;
 
     fn reading(moment_n_m: &Vector3<f64>) -> f64 {
         moment_n_m.z
-    }
-
-    fn of_counts(reading_n_m: f64) -> Option<f64> {
-        Some(reading_n_m)
     }
 
     fn diagnosis(estimate: &Estimate) -> Diagnosis {

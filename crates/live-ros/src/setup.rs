@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use files::Error;
 use live::LiveEstimator;
-use live::counts::{Counts, Sensor};
+use live::counts::{BendingCounts, Counts, Sensor};
 use serde_json::Value;
 use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::{MapConfig, Observer};
@@ -106,10 +106,20 @@ fn check_spatial(path: &Path, mapping: &Mapping) -> Result<(), Error> {
     if mapping.seed != Mapping::FIRST_SEED {
         return refused("seed", "the default: methods in space that draw random numbers have a seed in `config`");
     }
-    match mapping.whiskers.iter().position(|whisker| whisker.counts.is_some()) {
-        Some(index) => refused(&format!("whiskers[{index}].counts"), "`moment`: counts are not supported in space"),
-        None => Ok(()),
+    for (index, counts) in mapping.whiskers.iter().map(|whisker| &whisker.counts).enumerate() {
+        let Some(CountsEntry { axis, sensor, reference, .. }) = counts else { continue };
+        for (key, is_stated) in
+            [("axis", axis.is_some()), ("sensor", sensor.is_some()), ("reference", reference.is_some())]
+        {
+            if is_stated {
+                return refused(
+                    &format!("whiskers[{index}].counts.{key}"),
+                    "none; `axes` names those of both channels",
+                );
+            }
+        }
     }
+    Ok(())
 }
 
 /// Row of the estimator that a mapping names.
@@ -175,17 +185,30 @@ impl Common<'_, SpatialEstimatorRow> {
         let file = beside(self.path, &entry.calibration);
         let calibration = read_fitted(&file)?;
         if calibration.front_end.is_some() {
-            return Err(self.no_moments(index, "a calibration of moments; counts are not supported in space").into());
+            return Err(self.no_moments(index, "a calibration of moments or of imported recordings").into());
         }
-        let noise_sd_n_m = entry.noise_sd_n_m.ok_or_else(|| self.no_noise(index))?;
+        let sensor = calibration.sensor;
+        let noise_sd_n_m = entry.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m));
+        let noise_sd_n_m = noise_sd_n_m.ok_or_else(|| self.no_noise(index))?;
+        let timing = self.mapping.timing;
+        let counts = entry.counts.as_ref().map(|counts| {
+            let sensor = sensor.ok_or_else(|| {
+                let expected = "one that `whisker fit` made of imported recordings, whose sensor converts counts";
+                let key = format!("whiskers[{index}].calibration");
+                Error::value(self.path, key, "a calibration without a sensor, with `counts`", expected)
+            })?;
+            let (axes, rate_hz) = (counts.spatial_axes(), entry.rate_hz);
+            Ok::<_, Error>(BendingCounts::new(sensor, axes, counts.modulo, counts.zeroing_s, timing, rate_hz))
+        });
+        let counts = counts.transpose()?;
         let knowledge = knowledge(&calibration.calibrated(&file, None)?, noise_sd_n_m, None, entry.rate_hz);
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
         let build = move || Ok(row.build(&config, TouchConfig::default(), &of_build)?);
-        let estimator = LiveEstimator::in_space_with_motion(Box::new(build), &knowledge, self.mapping.timing, chain)
+        let estimator = LiveEstimator::in_space_with_motion(Box::new(build), &knowledge, timing, chain)
             .with_context(|| self.in_config())?;
         let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = calibration;
         let geometry = SpatialGeometry::new(&SpatialRunWhisker { whisker, suspension, poisson_ratio }, knowledge)?;
-        Ok(Box::new(Estimation::new(self.fixed(entry), geometry, estimator, None)))
+        Ok(Box::new(Estimation::new(self.fixed(entry), geometry, estimator, counts)))
     }
 }
 
@@ -214,6 +237,10 @@ impl Common<'_, EstimatorRow> {
             rate_hz: entry.rate_hz,
             contact_prior: None,
         });
+        if entry.counts.as_ref().is_some_and(|counts| counts.axes.is_some()) {
+            let key = format!("whiskers[{index}].counts.axes");
+            return Err(Error::value(self.path, key, "two axes, in the plane", "`axis`, a single one").into());
+        }
         let counts = match (&entry.counts, sensor) {
             (Some(counts), Some(sensor)) => {
                 let neighbours = neighbours_of(self.mapping, &sensor)?;
@@ -251,9 +278,9 @@ impl Common<'_, EstimatorRow> {
         let mut neighbours = Vec::new();
         for (talk, other) in own.cross_talk.iter().zip(others) {
             let of_other = sensor(&of_talk(&own, talk))?;
-            neighbours.push((talk.clone(), Sensor::new(of_other, other.axis as usize, other.modulo)));
+            neighbours.push((talk.clone(), Sensor::new(of_other, other.planar_axis(), other.modulo)));
         }
-        let own = Sensor::new(own, entry.axis as usize, entry.modulo);
+        let own = Sensor::new(own, entry.planar_axis(), entry.modulo);
         let rate_hz = self.mapping.whiskers[index].rate_hz;
         Ok(Counts::new(own, has_reference, neighbours, entry.zeroing_s, self.mapping.timing, rate_hz))
     }

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use bag::messages::{Pose, PoseWithCovariance};
+use live::counts::BendingCounts;
 use live::{Spatial, SpatialAnswer};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use testbed::space::run::SpatialRunWhisker;
@@ -45,14 +46,11 @@ impl SpatialGeometry {
 
 impl Geometry for SpatialGeometry {
     type Kind = Spatial;
+    type Counts = BendingCounts;
     type Projection = InSpace;
 
     fn reading(moment_n_m: &Vector3<f64>) -> Vector2<f64> {
         Vector2::new(moment_n_m.y, moment_n_m.z)
-    }
-
-    fn of_counts(_reading_n_m: f64) -> Option<Vector2<f64>> {
-        None
     }
 
     fn diagnosis(estimate: &Estimate) -> Diagnosis {

@@ -1,7 +1,7 @@
 //! Live estimation of one whisker: inputs in, contacts, events, shapes and states out.
 
 use bag::messages::{DiagnosticStatus, Header, KeyValue, Level, PoseWithCovariance, PoseWithCovarianceStamped, Time};
-use live::counts::{Converted, Counts, Reading, Stream};
+use live::counts::{Conversion, Converted, Reading, Stream};
 use live::{AnswerOf, Event, Kind, LiveEstimator, OutputOf, Status};
 use nalgebra::Vector3;
 use whisker::estimators::{Installation, Uncertain};
@@ -106,14 +106,13 @@ pub trait Whisker: Send {
 pub(crate) trait Geometry: Send {
     /// Kind of the estimator.
     type Kind: Kind;
+    /// Conversion of counts.
+    type Counts: Conversion<Reading = <Self::Kind as Kind>::Reading> + Send;
     /// Projection of the poses.
     type Projection: Projection<Base = <Self::Kind as Kind>::Base>;
 
     /// Reading from the moment at the root (N m).
     fn reading(moment_n_m: &Vector3<f64>) -> <Self::Kind as Kind>::Reading;
-
-    /// Reading from converted counts, which measure the moment about z alone (N m). `None` if it does not suffice.
-    fn of_counts(reading_n_m: f64) -> Option<<Self::Kind as Kind>::Reading>;
 
     /// Values of an estimate for the diagnostics.
     fn diagnosis(estimate: &<Self::Kind as Kind>::Estimate) -> Diagnosis;
@@ -169,7 +168,7 @@ pub(crate) struct Estimation<S: Geometry> {
     fixed: Fixed,
     geometry: S,
     estimator: EstimatorOf<S>,
-    counts: Option<Counts>,
+    counts: Option<S::Counts>,
     out: OutputOf<S::Kind>,
     last: Option<AnswerOf<S::Kind>>,
     /// The last stated deviation of the sensor.
@@ -181,7 +180,7 @@ pub(crate) struct Estimation<S: Geometry> {
 }
 
 impl<S: Geometry> Estimation<S> {
-    pub(crate) fn new(fixed: Fixed, geometry: S, estimator: EstimatorOf<S>, counts: Option<Counts>) -> Self {
+    pub(crate) fn new(fixed: Fixed, geometry: S, estimator: EstimatorOf<S>, counts: Option<S::Counts>) -> Self {
         let (out, last, window) = (OutputOf::<S::Kind>::default(), None, Window::default());
         Self { fixed, geometry, estimator, counts, out, last, deviation: None, answered_s: None, blocked: None, window }
     }
@@ -190,7 +189,6 @@ impl<S: Geometry> Estimation<S> {
     fn convert(&mut self, now_s: f64) -> anyhow::Result<()> {
         while let Some(converted) = self.counts.as_mut().and_then(|counts| counts.next(now_s)) {
             let Converted { t_s, arrived_s, reading: Reading::Of(reading_n_m) } = converted else { continue };
-            let Some(reading_n_m) = S::of_counts(reading_n_m) else { continue };
             // Its arrival is that of the counts; the clock of arrivals does not run back.
             self.estimator.reading(t_s, reading_n_m, arrived_s, &mut self.out)?;
         }
@@ -270,7 +268,7 @@ impl<S: Geometry> Whisker for Estimation<S> {
     }
 
     fn deadline_s(&self) -> Option<f64> {
-        let counts_s = self.counts.as_ref().and_then(Counts::deadline_s);
+        let counts_s = self.counts.as_ref().and_then(Conversion::deadline_s);
         [self.estimator.deadline_s(), counts_s].into_iter().flatten().reduce(f64::min)
     }
 
@@ -324,8 +322,8 @@ impl<S: Geometry> Whisker for Estimation<S> {
         ];
         values.extend(counters.named().map(|(name, count)| (name, count.to_string())));
         if let Some(counts) = &self.counts {
-            values.push(("counts_incomplete", counts.incomplete.to_string()));
-            values.push(("counts_late", counts.late.to_string()));
+            values.push(("counts_incomplete", counts.incomplete().to_string()));
+            values.push(("counts_late", counts.late().to_string()));
         }
         values.extend(
             self.deviation

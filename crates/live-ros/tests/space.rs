@@ -8,16 +8,19 @@ use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bag::messages::{AnyMessage, Header, PointCloud2, Quaternion, TfMessage, Time, Transform, TransformStamped};
+use bag::messages::{
+    AnyMessage, Header, MagneticField, PointCloud2, Quaternion, TfMessage, Time, Transform, TransformStamped,
+};
 use evaluation::space::fit::fit;
+use files::write_json;
 use indicatif::ProgressBar;
 use live_ros::{Drawing, Form, Latency, Mapper, Mapping, Setup, Taken};
-use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::space::replay::{knowledge, read_calibration, registered, replay, samples};
 use testbed::space::{readings_n_m, to_world};
-use trace::SpatialTrace;
+use trace::{BendingResponse, BendingSensor, SpatialCalibrationFile, SpatialTrace};
 use whisker::frames::World;
 use whisker::space::estimators::Estimate;
 use whisker::space::frames::Pose;
@@ -123,6 +126,40 @@ fn verif_contacts_of_a_played_recording_in_space_equal_those_of_a_replay() {
     }
 }
 
+/// A magnetometer whose axes z and x are the channels of the sensor, with counts at rest, from which the moments follow.
+#[test]
+fn verif_counts_of_a_magnetometer_in_space_give_the_contacts_of_the_moments() {
+    let bench = Bench::new();
+    let response = BendingResponse::new(Matrix2::new(2e7, 5e6, -4e6, 3e7)).expect("it can be inverted");
+    let mut calibration = SpatialCalibrationFile::read(&bench.calibration).expect("valid");
+    calibration.sensor = Some(BendingSensor { counts_per_n_m: response, noise_sd_n_m: NOISE_SD_N_M });
+    write_json(&bench.calibration, &calibration).expect("written");
+    let counts_of = |of: (f64, String, AnyMessage)| match of {
+        (t_s, _, AnyMessage::WrenchStamped(wrench)) => {
+            let torque = wrench.wrench.torque;
+            let counts = response.counts(Vector2::new(torque.y, torque.z)) + Vector2::new(512.0, -140.0);
+            let magnetic_field = bag::messages::Vector3 { x: counts.y, y: 7.0, z: counts.x };
+            let field = MagneticField { header: wrench.header, magnetic_field, magnetic_field_covariance: [0.0; 9] };
+            (t_s, "/counts".to_owned(), AnyMessage::MagneticField(field))
+        }
+        other => other,
+    };
+    let messages: Vec<_> = bench.exported().into_iter().map(counts_of).collect();
+    let taken = play(
+        &mut read(&bench.mapping("line", |of| {
+            let whisker = of["whiskers"][0].as_object_mut().expect("an object");
+            whisker.remove("moment");
+            whisker.remove("noise_sd_n_m");
+            whisker.insert(
+                "counts".into(),
+                json!({"topic": "/counts", "message": "MagneticField", "axes": ["z", "x"], "zeroing_s": 0.02}),
+            );
+        })),
+        &messages,
+    );
+    assert_same(&taken, &bench, "line", &Isometry3::identity(), 1e-7);
+}
+
 /// The base is at rest on a flange that an arm moves, tilted about all axes: world -> flange (moving), flange -> base (static).
 #[test]
 fn verif_frames_that_tilt_give_the_same_contacts_in_space() {
@@ -215,7 +252,7 @@ fn verif_shapes_and_map_in_space_show_the_contact() {
 fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
     let bench = Bench::new();
     type Change<'a> = &'a dyn Fn(&mut Value);
-    let cases: [(Change<'_>, &str); 7] = [
+    let cases: [(Change<'_>, &str); 9] = [
         (
             &|of| of["estimator"] = json!("ekf"),
             "estimator: found `ekf`, expected one of recommended, batch-recommended",
@@ -238,7 +275,21 @@ fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
                 of["whiskers"][0]["moment"] = Value::Null;
                 of["whiskers"][0]["counts"] = json!({"topic": "/counts"});
             },
-            "whiskers[0].counts: found a setting of planar estimators, with calibrations in space, expected `moment`: counts",
+            "whiskers[0].calibration: found a calibration without a sensor, with `counts`, expected one that `whisker fit` made",
+        ),
+        (
+            &|of| {
+                of["whiskers"][0]["moment"] = Value::Null;
+                of["whiskers"][0]["counts"] = json!({"topic": "/counts", "axis": "x"});
+            },
+            "whiskers[0].counts.axis: found a setting of planar estimators, with calibrations in space, expected none; `axes`",
+        ),
+        (
+            &|of| {
+                of["whiskers"][0]["moment"] = Value::Null;
+                of["whiskers"][0]["counts"] = json!({"topic": "/counts", "axes": ["x", "x"]});
+            },
+            "whiskers[0].counts.axes: found x and x, expected two axes",
         ),
         (
             &|of| {

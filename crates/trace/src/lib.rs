@@ -69,7 +69,7 @@ pub use rows::TraceRows;
 pub use scene::{SceneDifference, scene_difference};
 pub use sidecar::{Contour, Generator, RATES_HZ, Recorded, Role, Sidecar, is_plain_name};
 pub use spatial::{
-    BendingResponse, Feature, LearntMounting, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile,
+    BendingResponse, BendingSensor, Feature, LearntMounting, SPATIAL_COLUMNS, SPATIAL_FORMAT, SpatialCalibrationFile,
     SpatialCertificate, SpatialCharacteristic, SpatialContactTruth, SpatialFrontEndFile, SpatialInstant,
     SpatialModelFile, SpatialPose, SpatialRecorded, SpatialRecording, SpatialSensor, SpatialSidecar, SpatialTrace,
     SpatialTruth, SpatialTruthInstant, SpatialTwist, StatedSuspension, is_spatial,

@@ -4,14 +4,15 @@
 mod made;
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use bag::messages::{Header, MagneticField, Point, Pose, PoseStamped, Quaternion, Time, Vector3 as RosVector3};
 use bag::{Publisher, Writer};
-use nalgebra::{Isometry3, Matrix2, Quaternion as Rotation, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix2, Quaternion as Rotation, UnitQuaternion, Vector2, Vector3};
 use serde_json::{Value, json};
-use trace::{SpatialSidecar, SpatialTrace};
+use trace::{SpatialCalibrationFile, SpatialInstant, SpatialSidecar, SpatialTrace};
 
 fn example() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data-space")
@@ -158,6 +159,102 @@ fn verif_own_csv_in_space_gives_accurate_contacts() {
     let place = table.headers().unwrap().iter().position(|column| column == "rmse_m").unwrap();
     let rmse_m: Vec<f64> = table.records().map(|row| row.unwrap()[place].parse().unwrap()).collect();
     assert!(rmse_m.len() == 1 && rmse_m[0] < 0.3e-3, "{rmse_m:?}");
+}
+
+/// Answers of `whisker live` with this calibration to lines on stdin.
+fn lived(calibration: &Path, lines: &[Value]) -> Vec<Value> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
+    command.args(["live", "--calibration", text(calibration), "--estimator", "point"]);
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let input: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let writes = std::thread::spawn(move || stdin.write_all(input.as_bytes()).unwrap());
+    let output = child.wait_with_output().unwrap();
+    writes.join().unwrap();
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{errors}");
+    let answers = String::from_utf8(output.stdout).unwrap();
+    answers.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn verif_live_counts_in_space_have_the_contacts_of_their_moments() {
+    let folder = changed(|_| {});
+    let traces = imported(&folder);
+    let (_, notes) = good(&["fit", text(&traces), "--model", "spline"]);
+    assert!(!notes.contains("no sensor"), "{notes}");
+    let calibration = traces.join("calibrations/lab-whisker.json");
+    let (checked, _) = good(&["check", text(&calibration)]);
+    assert!(checked.contains("; sensor of recordings"), "{checked}");
+    let sensor = SpatialCalibrationFile::read(&calibration).unwrap().sensor.unwrap();
+    let trial = read(&traces, "trial_1");
+    let recorded = trial.sidecar.recorded.unwrap();
+    assert_eq!(sensor.counts_per_n_m, recorded.counts_per_n_m);
+
+    let rest = Vector2::from(recorded.rest_counts);
+    let pose = |now: &SpatialInstant| {
+        let (at, turn) = (now.base.position, now.base.rotation);
+        json!({"t_s": now.t_s, "base_x_m": at.x, "base_y_m": at.y, "base_z_m": at.z, "base_qw": turn.w, "base_qx": turn.i,
+            "base_qy": turn.j, "base_qz": turn.k})
+    };
+    let moments = |now: &SpatialInstant| Vector2::new(now.moment_y_n_m, now.moment_z_n_m);
+    let rows: Vec<(Value, Vector2<f64>)> = trial
+        .recording
+        .instants
+        .iter()
+        .map(|now| (pose(now), rest + sensor.counts_per_n_m.counts(moments(now))))
+        .collect();
+    // The noise is that of the sensor.
+    let mut of_counts = vec![json!({"protocol": 2, "rate_hz": 100, "zeroing_s": 0.3})];
+    of_counts.extend(rows.iter().map(|(pose, counts)| {
+        let mut line = pose.clone();
+        line["counts"] = json!([counts.x, counts.y]);
+        line
+    }));
+    let answers = lived(&calibration, &of_counts);
+    assert_eq!(answers.len(), rows.len());
+    let zeroing = answers.iter().take_while(|answer| answer["status"] == "zeroing").count();
+    assert_eq!(zeroing, 31);
+
+    let (at_rest, moving) = rows.split_at(zeroing);
+    let zero = at_rest.iter().map(|(_, counts)| counts).sum::<Vector2<f64>>() / zeroing as f64;
+    let mut of_moments = vec![json!({"protocol": 2, "rate_hz": 100, "noise_sd_n_m": sensor.noise_sd_n_m})];
+    of_moments.extend(moving.iter().map(|(pose, counts)| {
+        let moment_n_m = sensor.counts_per_n_m.moment_n_m(counts - zero);
+        let mut line = pose.clone();
+        (line["moment_y_n_m"], line["moment_z_n_m"]) = (moment_n_m.x.into(), moment_n_m.y.into());
+        line
+    }));
+    assert_eq!(answers[zeroing..], lived(&calibration, &of_moments));
+    assert!(answers.iter().filter(|answer| answer["contact_x_m"].is_f64()).count() > 100);
+}
+
+#[test]
+fn robust_recordings_in_space_that_state_different_responses_give_no_sensor() {
+    let folder = changed(|_| {});
+    let traces = imported(&folder);
+    let path = traces.join("calibration_3.json");
+    let mut sidecar: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    sidecar["recorded"]["counts_per_n_m"] = json!([[3e7, 0], [0, 3e7]]);
+    fs::write(&path, sidecar.to_string()).unwrap();
+    let (_, notes) = good(&["fit", text(&traces), "--model", "spline"]);
+    let calibration = traces.join("calibrations/lab-whisker.json");
+    assert_eq!(SpatialCalibrationFile::read(&calibration).unwrap().sensor, None);
+    let words = "calibration_3: recorded.counts_per_n_m: found [[30000000.0, 0.0], [0.0, 30000000.0]], expected [[";
+    assert!(notes.contains("no sensor") && notes.contains(words), "{notes}");
+    // Without a sensor neither noise nor counts are known.
+    let refused = |lines: &str| {
+        let mut live = Command::new(env!("CARGO_BIN_EXE_whisker"));
+        live.args(["live", "--calibration", text(&calibration), "--estimator", "point"]);
+        let mut child = live.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(lines.as_bytes()).unwrap();
+        String::from_utf8(child.wait_with_output().unwrap().stderr).unwrap()
+    };
+    let errors = refused("{\"protocol\": 2, \"rate_hz\": 100}\n");
+    assert!(errors.contains("line 1: noise_sd_n_m: found none, expected the standard deviation"), "{errors}");
+    let first = json!({"protocol": 2, "rate_hz": 100, "noise_sd_n_m": 1e-7});
+    let errors = refused(&format!("{first}\n{}\n", json!({"t_s": 0, "counts": [1, 2]})));
+    assert!(errors.contains("counts: found those of a whisker whose calibration"), "{errors}");
 }
 
 /// Roll, pitch and yaw, a rotation vector and a quaternion of either sign give the same poses.

@@ -17,6 +17,7 @@ use testbed::provenance::watermark;
 use testbed::space::replay::read_fitted;
 
 use super::rod::Rod;
+use super::sensor::BendingSensor;
 use crate::arrays::{Numbers, flags, matrices, rows, same_length, vectors};
 use crate::convert::check_not_negative;
 use crate::error::{raised, refused};
@@ -170,6 +171,19 @@ impl SpatialCalibration {
     #[getter]
     fn real_sensor(&self) -> bool {
         self.calibrated.real_sensor
+    }
+
+    /// The sensor of the imported recordings to which the calibration was fitted. Raises `ValueError` if it has none, as that of
+    /// simulated traces.
+    fn sensor(&self) -> PyResult<BendingSensor> {
+        let file = self.file.sensor.ok_or_else(|| {
+            refused(
+                &self.path.display().to_string(),
+                "no sensor",
+                "a calibration that `whisker fit` made of recordings",
+            )
+        })?;
+        Ok(BendingSensor { file })
     }
 
     /// Writes the calibration file, which `load_spatial_calibration` and the command `whisker` read.

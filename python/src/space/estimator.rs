@@ -111,7 +111,7 @@ impl SpatialEstimator {
         check_rate(rate_hz)?;
         let row = registered(name).map_err(raised)?;
         let config = settings_over(name, row.defaults(), settings)?;
-        let calibrated = read_by(&calibration.calibrated, calibration.file.sensor());
+        let calibrated = read_by(&calibration.calibrated, calibration.file.front_end_sensor());
         let knowledge = Arc::new(Knowledge { calibrated, noise_sd_n_m, rate_hz });
         let running = Mutex::new(start(row, &config, &knowledge)?.into());
         Ok(Self { row, config, knowledge, running })

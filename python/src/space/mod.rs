@@ -6,6 +6,7 @@ mod pose;
 mod replay;
 mod returned;
 mod rod;
+mod sensor;
 mod surface;
 mod trace;
 mod trial;
@@ -16,6 +17,7 @@ pub(crate) use calibration::{
 pub(crate) use estimator::{SpatialEstimate, SpatialEstimator, spatial_estimators};
 pub(crate) use replay::SpatialReplay;
 pub(crate) use rod::{Rod, SpatialContacts};
+pub(crate) use sensor::BendingSensor;
 pub(crate) use surface::SpatialSurface;
 pub(crate) use trace::SpatialTrace;
 pub(crate) use trial::{SpatialTrial, spatial_cramer_rao_bound};

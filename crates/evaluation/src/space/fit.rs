@@ -15,7 +15,10 @@ use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialN
 use testbed::settings::merged;
 use testbed::space::{largest_reading_n_m, to_base};
 use testbed::statistics;
-use trace::{FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, data_sha256};
+use trace::{
+    BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialSidecar,
+    SpatialTrace, data_sha256,
+};
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
 use whisker::space::sensor::{
@@ -49,6 +52,8 @@ pub struct SpatialFitted {
     pub is_new: bool,
     /// Candidates that the data do not determine, with the reasons.
     pub left_out: Vec<String>,
+    /// Reason why the calibration of recordings has no sensor. `None` if it has one, or an up-to-date file was found.
+    pub no_sensor: Option<String>,
 }
 
 /// A sensor model to be fitted.
@@ -149,7 +154,7 @@ impl WhiskerFit<'_> {
         };
         if let Some(calibration) = SpatialCalibrationFile::read(&path).ok().filter(is_same) {
             progress.inc(candidates.len() as u64);
-            return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new() });
+            return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new(), no_sensor: None });
         }
         let place = || format!("whisker `{}`", whisker.whisker.name);
         for trace in traces {
@@ -177,8 +182,7 @@ impl WhiskerFit<'_> {
         if let Some(screening) = &screening {
             check_fitted(screening, &lines).with_context(place)?;
         }
-        let own_n2_m2 = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
-        let reference_noise_sd_n_m = statistics::mean(own_n2_m2).unwrap_or_default().sqrt();
+        let reference_noise_sd_n_m = mean_noise_sd_n_m(traces);
         let data = SpatialFitData {
             whisker: &whisker,
             lines: &lines,
@@ -197,12 +201,39 @@ impl WhiskerFit<'_> {
         };
         let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
         let front_end = front_end.describe(sensor.into_iter().collect());
-        let calibration = SpatialCalibrationFile { front_end, ..calibration };
+        let (sensor, no_sensor) = match is_recorded.then(|| recorded_sensor(traces)) {
+            Some(Ok(sensor)) => (Some(sensor), None),
+            Some(Err(reason)) => (None, Some(format!("{}: {reason}", place()))),
+            None => (None, None),
+        };
+        let calibration = SpatialCalibrationFile { front_end, sensor, ..calibration };
         write_json(&path, &calibration)?;
         let contacts = screening.map(|screening| not_fitted(&screening, &lines)).unwrap_or_default();
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
-        Ok(SpatialFitted { calibration, path, is_new: true, left_out })
+        Ok(SpatialFitted { calibration, path, is_new: true, left_out, no_sensor })
     }
+}
+
+/// The sensor of recordings, with the root mean square of their noise.
+///
+/// # Errors
+/// If the recordings do not state one and the same response. Their moments can be fitted all the same.
+fn recorded_sensor(traces: &[SpatialTrace]) -> Result<BendingSensor, String> {
+    let mut stated = traces.iter().filter_map(|trace| Some((&trace.sidecar.name, trace.sidecar.recorded.as_ref()?)));
+    let (first, SpatialRecorded { counts_per_n_m, .. }) = stated.next().ok_or("found no recording")?;
+    if let Some((name, other)) = stated.find(|(_, other)| other.counts_per_n_m != *counts_per_n_m) {
+        return Err(format!(
+            "{name}: recorded.counts_per_n_m: found {:?}, expected {:?}, as in {first}; import all recordings by one mapping",
+            other.counts_per_n_m.counts_per_n_m, counts_per_n_m.counts_per_n_m
+        ));
+    }
+    Ok(BendingSensor { counts_per_n_m: *counts_per_n_m, noise_sd_n_m: mean_noise_sd_n_m(traces) })
+}
+
+/// Root mean square, over traces, of the standard deviations of the noise in their moments (N m).
+fn mean_noise_sd_n_m(traces: &[SpatialTrace]) -> f64 {
+    let variances = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
+    statistics::mean(variances).unwrap_or_default().sqrt()
 }
 
 /// Checks that the screening left at least half of the contacts. `lines` are the remaining lines.

@@ -40,7 +40,7 @@ pub struct Mounted {
 pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounted> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
     let file = read_calibration(calibration)?;
-    if file.sensor().is_some() {
+    if file.front_end_sensor().is_some() {
         bail!(
             "{}: front_end: found a calibration through a modelled sensor, expected one of bending moments",
             calibration.display()

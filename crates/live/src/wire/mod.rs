@@ -15,7 +15,7 @@ use whisker::Whisker;
 use whisker::frames::{Base, Pose, World};
 
 use crate::estimator::{Answer, SpatialAnswer};
-pub use space::{SpatialLine, SpatialPriorLine, SpatialSampleLine, parse as parse_in_space};
+pub use space::{SpatialGiven, SpatialLine, SpatialPriorLine, SpatialSampleLine, parse as parse_in_space};
 
 /// Keys that only the first line of a whisker has.
 const PRIOR_KEYS: [&str; 3] = ["protocol", "rate_hz", "noise_sd_n_m"];

@@ -6,7 +6,7 @@ use serde_json::Value;
 use trace::{SpatialPose, StatedSuspension};
 use whisker::Whisker;
 
-use super::{BadLine, Line, SampleLine, check_pose, is_prior, strict, unplaced};
+use super::{BadLine, Line, MOST_COUNTS, SampleLine, check_magnitudes, check_pose, is_prior, strict, unplaced};
 
 /// Largest difference of a quaternion's length from 1.
 const UNIT: f64 = 1e-3;
@@ -25,8 +25,15 @@ pub struct SpatialPriorLine {
     pub seed: Option<u64>,
     /// Readings per second.
     pub rate_hz: f64,
-    /// Standard deviation of the measurement noise of each moment.
-    pub noise_sd_n_m: f64,
+    /// Standard deviation of the measurement noise of each moment. Missing: that of the sensor.
+    #[serde(default)]
+    pub noise_sd_n_m: Option<f64>,
+    /// Duration of the zeroing at the beginning, with a free whisker (s). Missing: [`crate::counts::ZEROING_S`].
+    #[serde(default)]
+    pub zeroing_s: Option<f64>,
+    /// Number of values of a counter that wraps. Missing: the counts do not wrap.
+    #[serde(default)]
+    pub modulo: Option<f64>,
     /// Parameters of the whisker, which must be those of the calibration.
     #[serde(default)]
     pub whisker: Option<Whisker>,
@@ -53,11 +60,20 @@ pub struct SpatialPriorLine {
     pub table: Option<Value>,
 }
 
-/// Later line in space: both bending moments about y and z of Base, a pose, or all at one time.
-pub type SpatialSampleLine = SampleLine<Vector2<f64>, SpatialPose>;
+/// Reading of a line in space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpatialGiven {
+    /// Bending moments about y and z of Base (N m), 2x1.
+    Moments(Vector2<f64>),
+    /// Counts of both channels of the sensor, 2x1.
+    Counts(Vector2<f64>),
+}
+
+/// Later line in space: a reading, a pose, or both at one time.
+pub type SpatialSampleLine = SampleLine<SpatialGiven, SpatialPose>;
 
 /// Line of a stream in space.
-pub type SpatialLine = Line<SpatialPriorLine, Vector2<f64>, SpatialPose>;
+pub type SpatialLine = Line<SpatialPriorLine, SpatialGiven, SpatialPose>;
 
 /// All keys of a later line. Those of the protocol that follow from the poses are read but not used.
 #[derive(Serialize, Deserialize)]
@@ -70,6 +86,8 @@ struct Keys {
     moment_y_n_m: Option<f64>,
     #[serde(default)]
     moment_z_n_m: Option<f64>,
+    #[serde(default)]
+    counts: Option<[f64; 2]>,
     #[serde(default)]
     base_x_m: Option<f64>,
     #[serde(default)]
@@ -114,9 +132,12 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
     }
     let keys: Keys = strict(line)?;
     check_pose(&[("base_x_m", keys.base_x_m), ("base_y_m", keys.base_y_m), ("base_z_m", keys.base_z_m)])?;
-    let reading = match (keys.moment_y_n_m, keys.moment_z_n_m) {
-        (Some(y), Some(z)) => Some(Vector2::new(y, z)),
-        (None, None) => None,
+    check_magnitudes(&keys.counts.unwrap_or_default().map(|counts| ("counts", Some(counts))), MOST_COUNTS)?;
+    let reading = match (keys.moment_y_n_m, keys.moment_z_n_m, keys.counts) {
+        (Some(y), Some(z), None) => Some(SpatialGiven::Moments(Vector2::new(y, z))),
+        (None, None, Some(counts)) => Some(SpatialGiven::Counts(counts.into())),
+        (None, None, None) => None,
+        (_, _, Some(_)) => return Err(unplaced("found moments and counts, expected one of the two")),
         _ => return Err(unplaced("found one bending moment, expected both moment_y_n_m and moment_z_n_m")),
     };
     let place = [keys.base_x_m, keys.base_y_m, keys.base_z_m];
@@ -139,7 +160,8 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
     };
     if reading.is_none() && base.is_none() {
         return Err(unplaced(
-            "found neither readings nor a pose, expected moment_y_n_m and moment_z_n_m, or the seven keys of a pose, or all",
+            "found neither a reading nor a pose, expected moment_y_n_m and moment_z_n_m, or counts, or the seven keys of a pose, \
+             or both",
         ));
     }
     Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))
@@ -161,16 +183,21 @@ mod tests {
         ) else {
             panic!("a sample")
         };
-        assert_eq!(row.reading, Some(Vector2::new(1e-6, -2e-6)));
+        assert_eq!(row.reading, Some(SpatialGiven::Moments(Vector2::new(1e-6, -2e-6))));
         let base = row.base.expect("a pose");
         assert_eq!((base.position, base.rotation.j), (Vector3::new(1.0, 2.0, 3.0), 0.8));
+        let Ok(Line::Sample(row)) = parse(r#"{"t_s": 1, "counts": [512, -3.5]}"#) else { panic!("a sample") };
+        assert_eq!((row.reading, row.base), (Some(SpatialGiven::Counts(Vector2::new(512.0, -3.5))), None));
         let prior = parse(r#"{"protocol": 2, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#);
         assert!(matches!(prior, Ok(Line::Prior(prior)) if prior.rate_hz == 250.0 && prior.whisker.is_none()));
     }
 
     #[test]
     fn robust_lines_that_are_no_messages_in_space_are_refused() {
-        assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither readings nor a pose"));
+        assert!(bad(r#"{"t_s": 1}"#).starts_with("found neither a reading nor a pose"));
+        assert!(bad(r#"{"t_s": 1, "counts": [1, 2], "moment_y_n_m": 0}"#).starts_with("found moments and counts"));
+        assert!(bad(r#"{"t_s": 1, "counts": [1, 1e300]}"#).starts_with("counts: found 1e300, expected a magnitude"));
+        assert!(bad(r#"{"t_s": 1, "counts": 5}"#).contains("expected"));
         assert!(bad(r#"{"t_s": 1, "moment_y_n_m": 0}"#).starts_with("found one bending moment"));
         assert!(bad(r#"{"t_s": 1, "base_x_m": 0}"#).starts_with("found a part of a pose"));
         assert!(bad(r#"{"t_s": 1, "reading_n_m": 0}"#).contains("unknown field `reading_n_m`"));

@@ -13,7 +13,7 @@ use whisker::space::sensor::{
 };
 
 use super::sidecar::{check_whisker, other_format};
-use super::{SPATIAL_FORMAT, SpatialFrontEndFile, SpatialSensor, StatedSuspension};
+use super::{BendingSensor, SPATIAL_FORMAT, SpatialFrontEndFile, SpatialSensor, StatedSuspension};
 use crate::FittedData;
 use crate::calibration::{MOST_NOISE, model_not_stored};
 use crate::sidecar::plain_name;
@@ -41,6 +41,10 @@ pub struct SpatialCalibrationFile {
     /// Front end through which the traces were read. `None` if the readings are the moments themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<SpatialFrontEndFile>,
+    /// Sensor of the recordings, which converts counts in live estimation. `None` for simulated traces, and if the recordings do
+    /// not state one and the same response.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<BendingSensor>,
     /// Whether the sensor is a real one ([`CalibratedSpace::real_sensor`]).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub real_sensor: bool,
@@ -132,6 +136,7 @@ impl SpatialCalibrationFile {
             noise_fraction,
             seed,
             front_end: None,
+            sensor: None,
             real_sensor: *real_sensor,
             mounting: None,
             data_sha256,
@@ -170,7 +175,7 @@ impl SpatialCalibrationFile {
     }
 
     /// The sensor of the front end through which the calibration was made. `None` if its readings are the moments themselves.
-    pub fn sensor(&self) -> Option<&SpatialSensor> {
+    pub fn front_end_sensor(&self) -> Option<&SpatialSensor> {
         self.front_end.as_ref()?.sensor(&self.whisker.name)
     }
 
@@ -244,6 +249,9 @@ impl SpatialCalibrationFile {
                 let expected = format!("none, or that of the whisker, `{}`", self.whisker.name);
                 return Err(Error::value(path, "front_end.sensors", names.join(", "), expected));
             }
+        }
+        if let Some(sensor) = &self.sensor {
+            sensor.validate(path, "sensor")?;
         }
         if let Some(mounting) = self.mounting.as_ref().filter(|mounting| !mounting.deviation.is_valid()) {
             let expected = "finite numbers, the covariance symmetric and positive definite";

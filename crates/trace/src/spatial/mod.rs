@@ -20,7 +20,7 @@ pub use certificate::SpatialCertificate;
 pub use characteristic::SpatialCharacteristic;
 pub use columns::SPATIAL_COLUMNS;
 pub use front_end::{SpatialFrontEndFile, SpatialSensor};
-pub use recorded::{BendingResponse, SpatialRecorded};
+pub use recorded::{BendingResponse, BendingSensor, SpatialRecorded};
 pub use sidecar::{SPATIAL_FORMAT, SpatialSidecar, StatedSuspension, is_spatial};
 pub use table::{
     Feature, SpatialContactTruth, SpatialInstant, SpatialPose, SpatialRecording, SpatialTrace, SpatialTruth,

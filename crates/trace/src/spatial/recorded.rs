@@ -69,6 +69,19 @@ impl BendingResponse {
         (variances(0) + variances(1)).map(f64::sqrt)
     }
 
+    /// Checks the response that is part of `key`.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if it cannot be inverted.
+    pub fn validate(&self, path: &Path, key: &str) -> Result<(), Error> {
+        if self.is_valid() {
+            return Ok(());
+        }
+        let found = format!("{:?}", self.counts_per_n_m);
+        let expected = "two rows of two numbers, a matrix that can be inverted";
+        Err(Error::value(path, format!("{key}.counts_per_n_m"), found, expected))
+    }
+
     fn is_valid(&self) -> bool {
         let response = self.response();
         if !response.iter().all(|entry| entry.is_finite()) {
@@ -76,6 +89,26 @@ impl BendingResponse {
         }
         let sizes = response.singular_values();
         sizes.max() > 0.0 && sizes.min() > LEAST_DETERMINED * sizes.max()
+    }
+}
+
+/// Sensor with two channels in a calibration of recordings, which converts its counts to bending moments.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BendingSensor {
+    /// Response of the sensor.
+    pub counts_per_n_m: BendingResponse,
+    /// Root mean square of the standard deviations of the noise in both moments (N m).
+    pub noise_sd_n_m: f64,
+}
+
+impl BendingSensor {
+    pub(super) fn validate(&self, path: &Path, key: &str) -> Result<(), Error> {
+        self.counts_per_n_m.validate(path, key)?;
+        if !(self.noise_sd_n_m.is_finite() && self.noise_sd_n_m >= 0.0) {
+            return Err(Error::value(path, format!("{key}.noise_sd_n_m"), self.noise_sd_n_m, "a number of 0 or more"));
+        }
+        Ok(())
     }
 }
 
@@ -108,11 +141,7 @@ impl SpatialRecorded {
 
     pub(super) fn validate(&self, path: &Path) -> Result<(), Error> {
         let key = |name: &str| format!("recorded.{name}");
-        if !self.counts_per_n_m.is_valid() {
-            let found = format!("{:?}", self.counts_per_n_m.counts_per_n_m);
-            let expected = "two rows of two numbers, a matrix that can be inverted";
-            return Err(Error::value(path, key("counts_per_n_m"), found, expected));
-        }
+        self.counts_per_n_m.validate(path, "recorded")?;
         let [residual_counts, noise_sd_n_m] = [self.residual_counts, self.noise_sd_n_m];
         let not_negative = [
             ("residual_counts", residual_counts[0]),

@@ -128,7 +128,11 @@ fn check_spatial_calibration(path: &Path) -> anyhow::Result<String> {
     let calibrated = calibration.calibrated(path, None)?;
     let share = 100.0 * calibrated.heldout_rms_n_m / calibrated.largest_reading_n_m;
     let (whisker, label) = (&calibration.whisker.name, &calibrated.label);
-    let through = calibration.front_end.as_ref().map_or_else(String::new, |of| format!("; through `{}`", of.name));
+    let through = match (&calibration.front_end, &calibration.sensor) {
+        (Some(front_end), _) => format!("; through `{}`", front_end.name),
+        (None, Some(_)) => "; sensor of recordings".into(),
+        (None, None) => String::new(),
+    };
     Ok(format!(
         "calibration in space of `{whisker}`: {label}, held-out RMS {share:.3} % of the largest reading{through}"
     ))

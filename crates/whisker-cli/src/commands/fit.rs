@@ -22,6 +22,9 @@ use super::{front_end, json, noise_fraction, print, seed, table};
 /// Argument of `--model` that selects the model by cross-validation.
 const AUTO: &str = "auto";
 
+/// Begins the reason why a calibration of recordings has no sensor.
+pub(super) const NO_SENSOR: &str = "the calibration has no sensor, so that it cannot convert counts";
+
 /// Fit sensor models to the calibration traces of a suite or folder
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -97,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("gated: {gated} of {rows} readings of {trace}, far above all others");
     }
     for reason in fitted.iter().flat_map(|whisker| &whisker.no_sensor) {
-        eprintln!("the calibration has no sensor, so that it cannot convert counts: {reason}");
+        eprintln!("{NO_SENSOR}: {reason}");
     }
     let mut rows = Vec::new();
     for whisker in &fitted {

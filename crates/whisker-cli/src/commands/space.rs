@@ -24,6 +24,7 @@ use whisker::ReadingGate;
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
+use super::fit::NO_SENSOR;
 use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
@@ -34,6 +35,9 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
     let fitted = fit(dataset, settings, out, &Progress::of("fitting"))?;
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
+    }
+    for reason in fitted.iter().flat_map(|whisker| &whisker.no_sensor) {
+        eprintln!("{NO_SENSOR}: {reason}");
     }
     let mut rows = Vec::new();
     for SpatialFitted { calibration, .. } in &fitted {

@@ -141,12 +141,7 @@ impl Keys for SpatialReading {
         if self.unit != Reading::Counts {
             return Err(Error::value(path, format!("{key}.unit"), "a unit of moment", "`counts` for a response"));
         }
-        if BendingResponse::new(response.response()).is_none() {
-            let found = format!("{:?}", response.counts_per_n_m);
-            let expected = "two rows of two numbers, a matrix that can be inverted";
-            return Err(Error::value(path, format!("{key}.counts_per_n_m"), found, expected));
-        }
-        Ok(())
+        response.validate(path, key)
     }
 }
 

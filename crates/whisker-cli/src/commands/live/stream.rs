@@ -10,8 +10,8 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use live::counts::{self, Counts, MODULI, Reading, Sensor, ZEROING_S, ZEROINGS_S};
-use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialPriorLine, Written};
+use live::counts::{self, BendingCounts, Conversion, Counts, MODULI, Reading, Sensor, ZEROING_S, ZEROINGS_S};
+use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialGiven, SpatialPriorLine, Written};
 use live::{
     Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses,
     Status, Timing,
@@ -459,6 +459,16 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow:
     Ok(())
 }
 
+/// Checks what the first lines of both protocols state about counts.
+fn check_counts(zeroing_s: Option<f64>, modulo: Option<f64>) -> anyhow::Result<()> {
+    for (key, found, [least, most]) in [("zeroing_s", zeroing_s, ZEROINGS_S), ("modulo", modulo, MODULI)] {
+        if let Some(found) = found.filter(|found| !(least..=most).contains(found)) {
+            bail!("{key}: found {}, expected {least} to {most}", shown_number(found));
+        }
+    }
+    Ok(())
+}
+
 /// Conversion of the counts of a whisker.
 struct CountsOf {
     /// The reason if its counts cannot be converted.
@@ -476,11 +486,7 @@ impl CountsOf {
         prior: &PriorLine,
     ) -> anyhow::Result<Option<&'a SensorFile>> {
         let PriorLine { sensor: label, zeroing_s, modulo, .. } = prior;
-        for (key, found, [least, most]) in [("zeroing_s", zeroing_s, ZEROINGS_S), ("modulo", modulo, MODULI)] {
-            if let Some(found) = found.filter(|found| !(least..=most).contains(found)) {
-                bail!("{key}: found {}, expected {least} to {most}", shown_number(found));
-            }
-        }
+        check_counts(*zeroing_s, *modulo)?;
         // With a front end, the lines of a whisker are moments unless its first line states otherwise.
         if label.is_none() && zeroing_s.is_none() && modulo.is_none() {
             return Ok(calibration.sensor.as_ref());
@@ -645,14 +651,14 @@ impl Method for OfSpace {
     type Motion = SpatialPoses;
     type Prior = SpatialPriorLine;
     type Calibration = Tabulated;
-    type Given = Vector2<f64>;
-    type Conversion = ();
+    type Given = SpatialGiven;
+    type Conversion = Result<BendingCounts, String>;
 
     const PROTOCOL: u32 = SPATIAL_PROTOCOL;
 
     fn read(path: &Path) -> anyhow::Result<Tabulated> {
         let file = space::replay::read_calibration(path)?;
-        let calibrated = space::replay::read_by(&file.calibrated(path, None)?, file.sensor());
+        let calibrated = space::replay::read_by(&file.calibrated(path, None)?, file.front_end_sensor());
         Ok(Tabulated { file, calibrated })
     }
 
@@ -671,7 +677,14 @@ impl Method for OfSpace {
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m)?;
+        let noise_sd_n_m = prior.noise_sd_n_m.or(file.sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
+            format!(
+                "noise_sd_n_m: found none, expected the standard deviation of the noise: {} has no sensor of recordings",
+                path.display()
+            )
+        })?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
+        check_counts(prior.zeroing_s, prior.modulo)?;
         let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != file.whisker)
             || prior.suspension.is_some_and(|stated| stated != file.suspension)
             || prior.poisson_ratio.is_some_and(|stated| stated != file.poisson_ratio);
@@ -681,17 +694,35 @@ impl Method for OfSpace {
                 path.display()
             );
         }
-        let knowledge = Arc::new(SpatialKnowledge {
-            calibrated: calibrated.clone(),
-            noise_sd_n_m: prior.noise_sd_n_m,
-            rate_hz: prior.rate_hz,
-        });
+        let knowledge =
+            Arc::new(SpatialKnowledge { calibrated: calibrated.clone(), noise_sd_n_m, rate_hz: prior.rate_hz });
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
         let build = move || space::replay::build(row, &config, &of_build);
-        Ok((LiveEstimator::in_space(Box::new(build), &knowledge, timing)?, ()))
+        let zeroing_s = prior.zeroing_s.unwrap_or(ZEROING_S);
+        let conversion = |sensor| BendingCounts::new(sensor, [0, 1], prior.modulo, zeroing_s, timing, prior.rate_hz);
+        let counts = file.sensor.map(conversion).ok_or_else(|| {
+            format!(
+                "counts: found those of a whisker whose calibration {} has no sensor, expected moment_y_n_m and moment_z_n_m, or \
+                 a calibration that `whisker fit` made of imported recordings",
+                path.display()
+            )
+        });
+        Ok((LiveEstimator::in_space(Box::new(build), &knowledge, timing)?, counts))
     }
 
-    fn convert((): &mut (), _: f64, given: Vector2<f64>, _: f64) -> Result<Taken<Vector2<f64>>, String> {
-        Ok(Taken::Reading(given))
+    fn convert(
+        conversion: &mut Self::Conversion,
+        t_s: f64,
+        given: SpatialGiven,
+        at_s: f64,
+    ) -> Result<Taken<Vector2<f64>>, String> {
+        match given {
+            SpatialGiven::Moments(moments_n_m) => Ok(Taken::Reading(moments_n_m)),
+            SpatialGiven::Counts(counts) => {
+                let conversion = conversion.as_mut().map_err(|reason| reason.clone())?;
+                let moments_n_m = conversion.moments_n_m(t_s, counts, at_s);
+                Ok(moments_n_m.map_or(Taken::LeftOut(ZEROING), Taken::Reading))
+            }
+        }
     }
 }

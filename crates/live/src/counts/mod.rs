@@ -7,7 +7,10 @@
 //!
 //! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. If the clock of a
 //! sensor is set back to before the end of the zeroing, as by a recording in a loop, the conversion begins anew with the zeroing.
-//! After a smaller step back, or a wrong time stamp, the zeros are kept, since the whisker may be in contact.
+//! After a smaller step back, or a wrong time stamp, the zeros are kept, since the whisker may be in contact. [`BendingCounts`]
+//! converts the counts of a sensor with two channels, in space.
+
+mod bending;
 
 use std::collections::VecDeque;
 
@@ -16,6 +19,8 @@ use trace::{CrossTalk, SensorFile};
 use crate::clock::{Clock, Order};
 use crate::samples::{Sampled, Samples};
 use crate::timing::Timing;
+
+pub use bending::BendingCounts;
 
 /// Duration of the zeroing if none is stated (s).
 pub const ZEROING_S: f64 = 1.0;
@@ -40,22 +45,43 @@ pub enum Stream {
     Neighbour(usize),
 }
 
+/// Conversion of the counts of the sensors of a whisker into its readings.
+pub trait Conversion {
+    /// Reading of the whisker (N m).
+    type Reading;
+
+    /// Takes counts that arrive at `now_s`. Counts that are not finite are left out.
+    fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64);
+
+    /// The next counts that wait no longer at `now_s`, in order of time.
+    fn next(&mut self, now_s: f64) -> Option<Converted<Self::Reading>>;
+
+    /// Time from which on [`Self::next`] waits no longer.
+    fn deadline_s(&self) -> Option<f64>;
+
+    /// Number of counts left out, since they are not finite or those of another sensor are missing.
+    fn incomplete(&self) -> u64;
+
+    /// Number of counts left out, since they arrived after later ones had been converted.
+    fn late(&self) -> u64;
+}
+
 /// Counts that have been converted, or left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Converted {
+pub struct Converted<R = f64> {
     /// Time of the counts.
     pub t_s: f64,
     /// Their arrival.
     pub arrived_s: f64,
     /// Their reading, or the reason why they have none.
-    pub reading: Reading,
+    pub reading: Reading<R>,
 }
 
 /// The reading of counts, or the reason why they have none.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Reading {
+pub enum Reading<R = f64> {
     /// The reading (N m).
-    Of(f64),
+    Of(R),
     /// They are those of the free whisker, from which the zero is determined.
     Zeroing,
     /// Those of another sensor at their time are missing.
@@ -136,10 +162,8 @@ pub struct Counts {
     jump_s: f64,
     /// Time, counts and arrival, in order of time.
     waiting: VecDeque<(f64, f64, f64)>,
-    /// Number of counts left out, since those of another sensor are missing.
-    pub incomplete: u64,
-    /// Number of counts left out, since they arrived after later ones had been converted.
-    pub late: u64,
+    incomplete: u64,
+    late: u64,
 }
 
 impl Counts {
@@ -181,66 +205,6 @@ impl Counts {
             Stream::Reference => self.reference.as_mut().map(|samples| &mut samples.clock),
             Stream::Neighbour(index) => self.neighbours.get_mut(index).map(|(_, sensor)| &mut sensor.samples.clock),
         }
-    }
-
-    /// Takes counts that arrive at `now_s`. Counts that are not finite are left out.
-    pub fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64) {
-        if !(t_s.is_finite() && counts.iter().all(|value| value.is_finite())) {
-            self.incomplete += 1;
-            return;
-        }
-        let jump_s = self.jump_s;
-        let Some(clock) = self.clock(stream) else { return };
-        if let Order::Jumped(jump) = clock.check(t_s, now_s, jump_s)
-            && jump.to_s < jump.from_s
-        {
-            self.restart(t_s);
-        }
-        match stream {
-            Stream::Own => {
-                let counts = self.own.unwrapped(counts);
-                let place = self.waiting.partition_point(|(of_waiting_s, ..)| *of_waiting_s <= t_s);
-                self.waiting.insert(place, (t_s, counts, now_s));
-            }
-            Stream::Reference => {
-                self.reference.iter_mut().for_each(|samples| {
-                    samples.insert(t_s, [counts[0], counts[1]]);
-                });
-            }
-            Stream::Neighbour(index) => {
-                if let Some((_, sensor)) = self.neighbours.get_mut(index) {
-                    let counts = sensor.unwrapped(counts);
-                    sensor.samples.insert(t_s, counts);
-                }
-            }
-        }
-    }
-
-    /// The next counts that wait no longer at `now_s`, in order of time.
-    pub fn next(&mut self, now_s: f64) -> Option<Converted> {
-        let (t_s, counts, arrived_s) = *self.waiting.front()?;
-        let waits = now_s < arrived_s + self.timing.wait_s && self.waiting.len() <= MOST_WAITING;
-        let others = self.others(t_s);
-        if matches!(others, Sampled::Pending) && waits {
-            return None;
-        }
-        self.waiting.pop_front();
-        let reading = if let Sampled::At((reference, neighbours)) = others {
-            self.latest_s = Some(self.latest_s.map_or(t_s, |latest_s| latest_s.max(t_s)));
-            self.reading_n_m(t_s, counts, reference, &neighbours).map_or(Reading::Zeroing, Reading::Of)
-        } else if self.latest_s.is_some_and(|latest_s| t_s < latest_s) {
-            self.late += 1;
-            Reading::Late
-        } else {
-            self.incomplete += 1;
-            Reading::Incomplete
-        };
-        Some(Converted { t_s, arrived_s, reading })
-    }
-
-    /// Time from which on [`Self::next`] waits no longer.
-    pub fn deadline_s(&self) -> Option<f64> {
-        self.waiting.front().map(|(_, _, at_s)| at_s + self.timing.wait_s)
     }
 
     /// Counts of the reference and of the neighbours.
@@ -288,6 +252,75 @@ impl Counts {
             return None;
         };
         Some(self.own.file.characteristic.moment_n_m(compensated - zero - talk))
+    }
+}
+
+impl Conversion for Counts {
+    type Reading = f64;
+
+    fn take(&mut self, stream: Stream, t_s: f64, counts: [f64; 3], now_s: f64) {
+        if !(t_s.is_finite() && counts.iter().all(|value| value.is_finite())) {
+            self.incomplete += 1;
+            return;
+        }
+        let jump_s = self.jump_s;
+        let Some(clock) = self.clock(stream) else { return };
+        if let Order::Jumped(jump) = clock.check(t_s, now_s, jump_s)
+            && jump.to_s < jump.from_s
+        {
+            self.restart(t_s);
+        }
+        match stream {
+            Stream::Own => {
+                let counts = self.own.unwrapped(counts);
+                let place = self.waiting.partition_point(|(of_waiting_s, ..)| *of_waiting_s <= t_s);
+                self.waiting.insert(place, (t_s, counts, now_s));
+            }
+            Stream::Reference => {
+                self.reference.iter_mut().for_each(|samples| {
+                    samples.insert(t_s, [counts[0], counts[1]]);
+                });
+            }
+            Stream::Neighbour(index) => {
+                if let Some((_, sensor)) = self.neighbours.get_mut(index) {
+                    let counts = sensor.unwrapped(counts);
+                    sensor.samples.insert(t_s, counts);
+                }
+            }
+        }
+    }
+
+    fn next(&mut self, now_s: f64) -> Option<Converted> {
+        let (t_s, counts, arrived_s) = *self.waiting.front()?;
+        let waits = now_s < arrived_s + self.timing.wait_s && self.waiting.len() <= MOST_WAITING;
+        let others = self.others(t_s);
+        if matches!(others, Sampled::Pending) && waits {
+            return None;
+        }
+        self.waiting.pop_front();
+        let reading = if let Sampled::At((reference, neighbours)) = others {
+            self.latest_s = Some(self.latest_s.map_or(t_s, |latest_s| latest_s.max(t_s)));
+            self.reading_n_m(t_s, counts, reference, &neighbours).map_or(Reading::Zeroing, Reading::Of)
+        } else if self.latest_s.is_some_and(|latest_s| t_s < latest_s) {
+            self.late += 1;
+            Reading::Late
+        } else {
+            self.incomplete += 1;
+            Reading::Incomplete
+        };
+        Some(Converted { t_s, arrived_s, reading })
+    }
+
+    fn deadline_s(&self) -> Option<f64> {
+        self.waiting.front().map(|(_, _, at_s)| at_s + self.timing.wait_s)
+    }
+
+    fn incomplete(&self) -> u64 {
+        self.incomplete
+    }
+
+    fn late(&self) -> u64 {
+        self.late
     }
 }
 
