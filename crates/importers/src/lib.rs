@@ -82,6 +82,9 @@ pub use stanford_whisker::space::{
     Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, Wire, stanford_in_space,
 };
 
+/// Poisson ratio of nitinol.
+const POISSON_RATIO: f64 = 0.33;
+
 /// Largest reading of a sensor (counts).
 const MOST_COUNTS: f64 = 1e10;
 

@@ -304,7 +304,7 @@ impl CountsEntry {
         is_topic(path, &key("counts.topic"), &self.topic)?;
         if let Some([first, second]) = self.axes.filter(|[first, second]| first == second) {
             let found = format!("{:?} and {:?}", first, second).to_lowercase();
-            return Err(Error::value(path, key("counts.axes"), found, "two axes"));
+            return Err(Error::value(path, key("counts.axes"), found, "two different axes"));
         }
         self.reference.iter().try_for_each(|topic| is_topic(path, &key("counts.reference"), topic))?;
         within(path, &key("counts.zeroing_s"), self.zeroing_s, ZEROINGS_S[0], ZEROINGS_S[1])?;

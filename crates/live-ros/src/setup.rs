@@ -108,15 +108,13 @@ fn check_spatial(path: &Path, mapping: &Mapping) -> Result<(), Error> {
     }
     for (index, counts) in mapping.whiskers.iter().map(|whisker| &whisker.counts).enumerate() {
         let Some(CountsEntry { axis, sensor, reference, .. }) = counts else { continue };
-        for (key, is_stated) in
-            [("axis", axis.is_some()), ("sensor", sensor.is_some()), ("reference", reference.is_some())]
-        {
-            if is_stated {
-                return refused(
-                    &format!("whiskers[{index}].counts.{key}"),
-                    "none; `axes` names those of both channels",
-                );
-            }
+        let of_one_channel = [
+            ("axis", axis.is_some(), "`axes`, those of both channels"),
+            ("sensor", sensor.is_some(), "none: a calibration in space has one sensor"),
+            ("reference", reference.is_some(), "none: sensors in space have no common mode"),
+        ];
+        if let Some((key, _, expected)) = of_one_channel.into_iter().find(|(_, is_stated, _)| *is_stated) {
+            return refused(&format!("whiskers[{index}].counts.{key}"), expected);
         }
     }
     Ok(())
@@ -185,7 +183,11 @@ impl Common<'_, SpatialEstimatorRow> {
         let file = beside(self.path, &entry.calibration);
         let calibration = read_fitted(&file)?;
         if calibration.front_end.is_some() {
-            return Err(self.no_moments(index, "a calibration of moments or of imported recordings").into());
+            let key = format!("whiskers[{index}].calibration");
+            let found = "one of a simulated sensor, through a front end";
+            return Err(
+                Error::value(self.path, key, found, "a calibration of moments or of imported recordings").into()
+            );
         }
         let sensor = calibration.sensor;
         let noise_sd_n_m = entry.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m));

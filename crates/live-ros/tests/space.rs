@@ -282,14 +282,14 @@ fn robust_mappings_that_do_not_fit_calibrations_in_space_are_refused() {
                 of["whiskers"][0]["moment"] = Value::Null;
                 of["whiskers"][0]["counts"] = json!({"topic": "/counts", "axis": "x"});
             },
-            "whiskers[0].counts.axis: found a setting of planar estimators, with calibrations in space, expected none; `axes`",
+            "whiskers[0].counts.axis: found a setting of planar estimators, with calibrations in space, expected `axes`",
         ),
         (
             &|of| {
                 of["whiskers"][0]["moment"] = Value::Null;
                 of["whiskers"][0]["counts"] = json!({"topic": "/counts", "axes": ["x", "x"]});
             },
-            "whiskers[0].counts.axes: found x and x, expected two axes",
+            "whiskers[0].counts.axes: found x and x, expected two different axes",
         ),
         (
             &|of| {

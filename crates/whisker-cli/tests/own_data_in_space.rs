@@ -497,7 +497,10 @@ fn robust_a_single_wrong_orientation_is_named() {
     });
     fails(
         &folder,
-        &["trial_1.csv:200: columns `flange_qw`", "found a rotation from those of the rows before and after"],
+        &[
+            "trial_1.csv:200: columns `flange_qw`",
+            "found an orientation 1.745 rad from those of the rows before and after",
+        ],
     );
 }
 

@@ -18,7 +18,7 @@ use testbed::space::files::{
 };
 use testbed::space::map::{SpatialMap, Sweep};
 use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow};
-use testbed::space::run::{SpatialRun, SpatialRunTrial, SpatialRunWhisker, SweptSolid};
+use testbed::space::run::{SpatialRun, SpatialRunCalibration, SpatialRunTrial, SpatialRunWhisker, SweptSolid};
 use testbed::space::solid::Solid;
 use testbed::statistics;
 use trace::{Role, SpatialSidecar};
@@ -40,9 +40,17 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
     let (mut trials, mut data) = (Vec::new(), Vec::new());
     let calibrations = settings.calibrations(dataset)?;
     let mut hashes: BTreeMap<&str, String> = BTreeMap::new();
-    let mut sensors = Vec::new();
+    let (mut sensors, mut described_calibrations) = (Vec::new(), Vec::new());
     for (whisker, (path, file)) in &calibrations {
-        hashes.insert(whisker, sha256_of_file(path)?);
+        let sha256 = sha256_of_file(path)?;
+        hashes.insert(whisker, sha256.clone());
+        described_calibrations.push(SpatialRunCalibration {
+            whisker: whisker.clone(),
+            model: file.chosen.clone(),
+            sha256,
+            heldout_rms_n_m: file.model(None).map(|model| model.heldout_rms_n_m).unwrap_or_default(),
+            mounted: file.mounting.as_ref().map(|mounting| mounting.traces.clone()).unwrap_or_default(),
+        });
         sensors.extend(front_end.sensor(path, file)?.cloned());
     }
     let front_end = front_end.describe(sensors);
@@ -64,6 +72,7 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
         noise: settings.noise,
         seeds: settings.seeds.clone(),
         front_end,
+        calibrations: described_calibrations,
         estimators,
         trials,
     };
@@ -95,6 +104,7 @@ fn differences(old: &SpatialRun, new: &SpatialRun) -> Vec<String> {
         difference("noise", &old.noise.to_string(), &new.noise.to_string()),
         difference("seeds", &seeds(&old.seeds), &seeds(&new.seeds)),
         difference("front end", &front_end(old), &front_end(new)),
+        difference("mounting", &mounted(old), &mounted(new)),
         of_lists("estimators", names(old), names(new)),
         of_lists("traces", traces(old), traces(new)),
     ];
@@ -105,6 +115,12 @@ fn differences(old: &SpatialRun, new: &SpatialRun) -> Vec<String> {
 /// Front end of a run, for messages.
 fn front_end(run: &SpatialRun) -> String {
     run.front_end.as_ref().map_or_else(|| SPATIAL_FRONT_ENDS[0].name.into(), |of| format!("{} {}", of.name, of.config))
+}
+
+/// Traces from which the mountings of a run were learnt, for messages.
+fn mounted(run: &SpatialRun) -> String {
+    let traces: Vec<&str> = run.calibrations.iter().flat_map(|of| &of.mounted).map(String::as_str).collect();
+    if traces.is_empty() { "that of the calibrations".into() } else { format!("learnt from {}", traces.join(", ")) }
 }
 
 /// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.
@@ -158,6 +174,8 @@ pub struct SpatialWritten {
     pub times: Vec<SpatialTimesRow>,
     /// Trials on which an external program failed.
     pub failures: Vec<FailureRow>,
+    /// Names of the trials from which a mounting was learnt.
+    pub mounted: Vec<String>,
     /// Whether it was evaluated. `false` if it was found up to date.
     pub is_new: bool,
 }
@@ -180,6 +198,8 @@ pub fn evaluate_into(
     restore(folder)?;
     ResultsKind::SpatialRun.check_may_replace(folder)?;
     let (run, calibrations) = described_run(dataset, settings)?;
+    let is_mounted = |trace: &&String| run.calibrations.iter().any(|of| of.mounted.contains(trace));
+    let mounted: Vec<String> = run.trials.iter().map(|trial| &trial.trace).filter(is_mounted).cloned().collect();
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
             && is_complete(&run, folder)
@@ -188,7 +208,7 @@ pub fn evaluate_into(
             && (settings.programs.is_empty() || failures.is_empty() && !force)
         {
             tidy(folder)?;
-            return Ok(SpatialWritten { summary, times, failures, is_new: false });
+            return Ok(SpatialWritten { summary, times, failures, mounted, is_new: false });
         }
         if !force {
             check_same(folder, old.map(|old| differences(&old, &run)))?;
@@ -204,7 +224,7 @@ pub fn evaluate_into(
     };
     part.finish()?;
     let SpatialEvaluated { summary, times, failures, .. } = evaluated;
-    Ok(SpatialWritten { summary, times, failures, is_new: true })
+    Ok(SpatialWritten { summary, times, failures, mounted, is_new: true })
 }
 
 /// Evaluates a dataset and writes all files of the run into a folder.

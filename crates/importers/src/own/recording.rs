@@ -59,6 +59,7 @@ pub(crate) struct Sampled<'a, G: Geometry> {
     pub(super) grid: Grid,
     pub(super) base: Vec<G::BasePose>,
     reading: &'a G::Reading,
+    pub(super) rate_hz: f64,
     channels: Vec<Channel>,
     /// Distance from rest beyond which a reading is a glitch.
     most: f64,
@@ -87,7 +88,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         columns.check_readings(&path, &mapping.reading)?;
         let grid = Grid::new(&path, &mapping.layout(), &columns.complete())?;
         let clock_s = &grid.clock_s;
-        let channels = channels(&path, &columns, &mapping.reading, clock_s)?;
+        let channels = channels(laboratory, &path, &columns, clock_s)?;
         let base = G::poses(laboratory, &path, &columns, clock_s)?;
         let places = match &entry.contact {
             None => clock_s.iter().map(|_| None).collect(),
@@ -110,6 +111,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
             glitches: columns.glitches(&path, &mapping.pose.positions()),
             base,
             reading: &mapping.reading,
+            rate_hz: mapping.rate_hz,
             channels,
             most: f64::INFINITY,
             places,
@@ -135,7 +137,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
     }
 
     /// Distance of the reading from rest in a row of the trace.
-    pub(super) fn size(&self, row: usize) -> f64 {
+    pub(super) fn distance_from_rest(&self, row: usize) -> f64 {
         self.readings(row).fold(0.0, f64::hypot)
     }
 
@@ -161,7 +163,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
     /// rows, and of the rows, since a row may take one of several samples of a glitch.
     pub(super) fn largest(&self) -> f64 {
         let samples: Vec<f64> = self.sizes().values.into_iter().flatten().collect();
-        let rows: Vec<f64> = (0..self.grid.t_s.len()).map(|row| self.size(row)).collect();
+        let rows: Vec<f64> = (0..self.grid.t_s.len()).map(|row| self.distance_from_rest(row)).collect();
         sustained(&samples).min(sustained(&rows))
     }
 
@@ -223,7 +225,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
 
     /// Whether the whisker touches in a row: by its flag, if there is one, else by the reading.
     pub(super) fn touches(&self, row: usize, touch: f64) -> bool {
-        let size = self.size(row);
+        let size = self.distance_from_rest(row);
         size <= self.most && self.touching[row].unwrap_or(size > touch)
     }
 
@@ -262,18 +264,15 @@ impl<'a, G: Geometry> Sampled<'a, G> {
 }
 
 /// The channels of the reading.
-fn channels(
+fn channels<G: Geometry>(
+    laboratory: &Laboratory<'_, G>,
     path: &Path,
     columns: &Columns<'_>,
-    reading: &impl Channels,
     clock_s: &[f64],
 ) -> Result<Vec<Channel>, Error> {
+    let reading = &laboratory.mapping.reading;
     let names = reading.columns();
-    let first = &columns.series(names[0]).clock;
-    if names.iter().any(|name| !Rc::ptr_eq(&columns.series(name).clock, first)) {
-        let found = format!("fields with times of their own: {}", join(names.iter().map(|name| format!("`{name}`"))));
-        return Err(Error::value(path, "reading.channels", found, "fields of the same messages"));
-    }
+    columns.check_one_clock(laboratory.path, path, "reading.channels", &names)?;
     let channel = |(channel, name): (usize, &&str)| {
         let series = columns.series(name);
         let at_rest = AtRest::of(path, reading.stated(channel), reading.rest_s(), series)?;
@@ -309,6 +308,21 @@ impl Columns<'_> {
     pub(super) fn series(&self, name: &str) -> &Series {
         let place = self.wanted.iter().position(|wanted| wanted.name == name);
         &self.series[place.expect("every column of the mapping is wanted")]
+    }
+
+    /// Checks that columns of the recording at `path`, those of a key of the mapping, have the same times.
+    ///
+    /// # Errors
+    /// [`Error::Value`] with the key.
+    pub(super) fn check_one_clock(&self, mapping: &Path, path: &Path, key: &str, names: &[&str]) -> Result<(), Error> {
+        let mut clocks = names.iter().map(|name| &self.series(name).clock);
+        let first = clocks.next();
+        if clocks.all(|clock| first.is_none_or(|first| Rc::ptr_eq(clock, first))) {
+            return Ok(());
+        }
+        let names = join(names.iter().map(|name| format!("`{name}`")));
+        let found = format!("fields with times of their own in {}: {names}", path.display());
+        Err(Error::value(mapping, key, found, "fields of the same messages"))
     }
 
     /// The quantities that are columns, in SI units, by name.

@@ -96,7 +96,7 @@ pub(super) fn touch(largest: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Value`] that states what is missing.
-pub(super) fn known_contacts(
+pub(super) fn check_known_contacts(
     path: &Path,
     key: &str,
     recordings: usize,

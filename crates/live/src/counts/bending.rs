@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector2;
 use trace::BendingSensor;
 
+use super::zeroing::Zeroing;
 use super::{Conversion, Converted, Reading, Stream};
 use crate::clock::{Clock, Order};
 use crate::timing::Timing;
@@ -18,17 +19,13 @@ pub struct BendingCounts {
     sensor: BendingSensor,
     /// Axes of the magnetometer that are its channels.
     axes: [usize; 2],
-    modulo: Option<f64>,
+    zeroing: Zeroing<2>,
     zeroing_s: f64,
     /// Smallest step back of the clock that counts as a jump (s).
     jump_s: f64,
     clock: Clock,
     /// Time of the first counts of the zeroing.
     first_s: Option<f64>,
-    last: Option<Vector2<f64>>,
-    /// Sum and number of the counts so far, while the zero is determined.
-    at_rest: (Vector2<f64>, u32),
-    zero: Option<Vector2<f64>>,
     converted: VecDeque<Converted<Vector2<f64>>>,
     /// Number of counts that are not finite.
     not_finite: u64,
@@ -36,7 +33,7 @@ pub struct BendingCounts {
 
 impl BendingCounts {
     /// Conversion of the counts of a sensor, read on these axes (0 to 2). `modulo` is the number of values of a counter that wraps, if
-    /// it does.
+    /// it does; `zeroing_s` the duration of the zeroing (s), `rate_hz` the rate of the counts (Hz).
     pub fn new(
         sensor: BendingSensor,
         axes: [usize; 2],
@@ -48,43 +45,36 @@ impl BendingCounts {
         Self {
             sensor,
             axes,
-            modulo,
+            zeroing: Zeroing::new(modulo),
             zeroing_s,
             jump_s: timing.smallest_jump_s(rate_hz),
             clock: Clock::default(),
             first_s: None,
-            last: None,
-            at_rest: (Vector2::zeros(), 0),
-            zero: None,
             converted: VecDeque::new(),
             not_finite: 0,
         }
     }
 
-    /// Moments about y and z of Base (N m), 2x1, of counts that arrive at `now_s`. `None` during the zeroing.
+    /// Moments about y and z of Base (N m), 2x1, of the counts of both channels at the time `t_s`, which arrive at `now_s`. `None`
+    /// during the zeroing.
     pub fn moments_n_m(&mut self, t_s: f64, counts: Vector2<f64>, now_s: f64) -> Option<Vector2<f64>> {
         if let Order::Jumped(jump) = self.clock.check(t_s, now_s, self.jump_s)
             && jump.to_s < jump.from_s
-            && self.first_s.is_none_or(|first_s| t_s - first_s < self.zeroing_s)
         {
-            (self.first_s, self.last, self.at_rest, self.zero) = (None, None, (Vector2::zeros(), 0), None);
-        }
-        let counts = match (self.modulo, self.last) {
-            (Some(modulo), Some(last)) => {
-                counts.zip_map(&last, |found, last| found - modulo * ((found - last) / modulo).round())
+            // The clock begins anew, so that a further step back is found too.
+            self.clock = Clock::default();
+            self.clock.check(t_s, now_s, self.jump_s);
+            if self.first_s.is_none_or(|first_s| t_s - first_s < self.zeroing_s) {
+                self.first_s = None;
+                self.zeroing.restart();
             }
-            _ => counts,
-        };
-        self.last = Some(counts);
-        if let Some(zero) = self.zero {
+        }
+        let counts = self.zeroing.unwrapped(counts);
+        if let Some(zero) = self.zeroing.zero() {
             return Some(self.sensor.counts_per_n_m.moment_n_m(counts - zero));
         }
-        let (sum, number) = &mut self.at_rest;
-        *sum += counts;
-        *number += 1;
-        if t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s {
-            self.zero = Some(*sum / f64::from(*number));
-        }
+        let is_last = t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s;
+        self.zeroing.rest(counts, is_last);
         None
     }
 }
@@ -182,6 +172,10 @@ mod tests {
         // Four counts precede the detection of the jump.
         converted(&mut counts, 2.0, 2.0, 1.0, offset);
         let at_rest = converted(&mut counts, 0.0, 3.004, 1.1, offset);
+        assert_eq!(at_rest.len(), 4 + 21);
+        assert!(at_rest[4..].iter().all(|moment| moment.norm() < 1e-12), "{at_rest:?}");
+        // And once more.
+        let at_rest = converted(&mut counts, 0.0, 4.108, 1.1, Vector2::zeros());
         assert_eq!(at_rest.len(), 4 + 21);
         assert!(at_rest[4..].iter().all(|moment| moment.norm() < 1e-12), "{at_rest:?}");
         counts.take(Stream::Own, 2.0, [f64::NAN, 0.0, 0.0], 5.0);

@@ -11,14 +11,18 @@
 //! converts the counts of a sensor with two channels, in space.
 
 mod bending;
+mod zeroing;
 
 use std::collections::VecDeque;
 
+use nalgebra::Vector1;
 use trace::{CrossTalk, SensorFile};
 
 use crate::clock::{Clock, Order};
 use crate::samples::{Sampled, Samples};
 use crate::timing::Timing;
+
+use zeroing::Zeroing;
 
 pub use bending::BendingCounts;
 
@@ -95,37 +99,32 @@ pub enum Reading<R = f64> {
 pub struct Sensor {
     file: SensorFile,
     axis: usize,
-    modulo: Option<f64>,
     samples: Samples<f64>,
-    last: Option<f64>,
-    /// Sum and number of the compensated counts so far, while the zero is determined.
-    at_rest: (f64, u32),
-    zero: Option<f64>,
+    zeroing: Zeroing<1>,
 }
 
 impl Sensor {
     /// The sensor of a calibration, read on this axis (0 to 2). `modulo` is the number of values of a counter that wraps, if it
     /// does.
     pub fn new(file: SensorFile, axis: usize, modulo: Option<f64>) -> Self {
-        let (samples, last, at_rest, zero) = (Samples::default(), None, (0.0, 0), None);
-        Self { file, axis, modulo, samples, last, at_rest, zero }
+        Self { file, axis, samples: Samples::default(), zeroing: Zeroing::new(modulo) }
     }
 
     /// Counts of its axis, continued across wraps of the counter.
     fn unwrapped(&mut self, counts: [f64; 3]) -> f64 {
-        let found = counts[self.axis];
-        let continued = match (self.modulo, self.last) {
-            (Some(modulo), Some(last)) => found - modulo * ((found - last) / modulo).round(),
-            _ => found,
-        };
-        self.last = Some(continued);
-        continued
+        self.zeroing.unwrapped(Vector1::new(counts[self.axis])).x
+    }
+
+    /// Mean of the compensated counts at rest. `None` while it is determined.
+    fn zero(&self) -> Option<f64> {
+        self.zeroing.zero().map(|zero| zero.x)
     }
 
     /// Drops the kept counts, and the zero if `zeroes`. With the zero, the counts continue across wraps of the counter.
     fn restart(&mut self, zeroes: bool) {
         if zeroes {
-            *self = Self::new(self.file.clone(), self.axis, self.modulo);
+            self.zeroing.restart();
+            self.samples = Samples::default();
         } else {
             self.samples.clear();
         }
@@ -138,12 +137,7 @@ impl Sensor {
 
     /// Takes compensated counts at rest; the last ones determine the zero.
     fn rest(&mut self, compensated: f64, is_last: bool) {
-        let (sum, count) = &mut self.at_rest;
-        *sum += compensated;
-        *count += 1;
-        if is_last {
-            self.zero = Some(*sum / f64::from(*count));
-        }
+        self.zeroing.rest(Vector1::new(compensated), is_last);
     }
 }
 
@@ -238,11 +232,11 @@ impl Counts {
         let compensated = self.own.compensated(counts, reference);
         let is_last = t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s;
         let mut talk = 0.0;
-        let zero = self.own.zero;
+        let zero = self.own.zero();
         for ((cross_talk, sensor), counts) in self.neighbours.iter_mut().zip(neighbours) {
             sensor.samples.settle(required_s);
             let compensated = sensor.compensated(*counts, reference);
-            match sensor.zero {
+            match sensor.zero() {
                 None => sensor.rest(compensated, is_last),
                 Some(zero) => talk += cross_talk.counts(sensor.file.characteristic.moment_n_m(compensated - zero)),
             }

@@ -74,6 +74,7 @@ fn write_run(folder: &Path) {
         noise: 0.01,
         seeds: vec![1],
         front_end: None,
+        calibrations: Vec::new(),
         estimators: ESTIMATORS.iter().map(|name| ((*name).to_owned(), json!({}))).collect(),
         trials: vec![SpatialRunTrial { trace: "edge".into(), group: "<edge>".into(), whisker, solid }],
     };

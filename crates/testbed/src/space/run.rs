@@ -40,6 +40,23 @@ pub struct SpatialRunWhisker {
     pub poisson_ratio: f64,
 }
 
+/// Calibration of a run in space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialRunCalibration {
+    /// Whisker.
+    pub whisker: String,
+    /// Label of the sensor model.
+    pub model: String,
+    /// SHA-256 of the calibration file.
+    pub sha256: String,
+    /// Root mean square residual of a moment on held-out lines.
+    pub heldout_rms_n_m: f64,
+    /// Names of the traces from which the mounting was learnt. Empty if it is that of the calibration.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mounted: Vec<String>,
+}
+
 /// Description of a run in space, `space_run.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,6 +72,9 @@ pub struct SpatialRun {
     /// Front end with its settings and the calibrations of its sensors. `None` if the readings are the moments with white noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub front_end: Option<SpatialFrontEndFile>,
+    /// Calibrations, one per whisker. Empty in a run of an earlier version.
+    #[serde(default)]
+    pub calibrations: Vec<SpatialRunCalibration>,
     /// Estimators by name, with their settings.
     pub estimators: BTreeMap<String, Value>,
     /// The trials.

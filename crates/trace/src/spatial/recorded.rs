@@ -60,6 +60,14 @@ impl BendingResponse {
         self.response() * moment_n_m
     }
 
+    /// Root mean square of the residuals of both channels (counts), 2x1, over pairs as in [`Self::fit`]. Zero without pairs.
+    pub fn residual_counts(&self, pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Vector2<f64> {
+        let square = |(moment_n_m, counts): &(Vector2<f64>, Vector2<f64>)| {
+            (self.counts(*moment_n_m) - counts).map(|residual| residual * residual)
+        };
+        (pairs.iter().map(square).sum::<Vector2<f64>>() / pairs.len().max(1) as f64).map(f64::sqrt)
+    }
+
     /// Standard deviations of the moments about y and z (N m), 2x1, by the independent noise of both channels (counts), 2x1.
     pub fn noise_sd_n_m(&self, noise_sd_counts: Vector2<f64>) -> Vector2<f64> {
         let variances = |channel: usize| {
@@ -88,7 +96,8 @@ impl BendingResponse {
             return false;
         }
         let sizes = response.singular_values();
-        sizes.max() > 0.0 && sizes.min() > LEAST_DETERMINED * sizes.max()
+        let is_invertible = response.try_inverse().is_some_and(|inverse| inverse.iter().all(|entry| entry.is_finite()));
+        is_invertible && sizes.min() > LEAST_DETERMINED * sizes.max()
     }
 }
 

@@ -29,6 +29,11 @@ pub struct StatedSuspension {
 }
 
 impl StatedSuspension {
+    /// A suspension that is equally stiff about every axis (N m/rad).
+    pub fn round(stiffness_n_m_rad: f64) -> Self {
+        Self { yaw_n_m_rad: stiffness_n_m_rad, pitch_n_m_rad: stiffness_n_m_rad, twist_n_m_rad: stiffness_n_m_rad }
+    }
+
     /// A whisker on this suspension.
     pub(super) fn whisker(self, whisker: &Whisker, poisson_ratio: f64) -> SpatialWhisker {
         SpatialWhisker { whisker: whisker.clone(), suspension: self.into(), poisson_ratio }

@@ -226,6 +226,10 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     drop(progress);
     let state = if written.is_new { "" } else { " (up to date)" };
     print(&format!("{}{}{state}\n", summary_table(&written.summary), folder.display()))?;
+    if !written.mounted.is_empty() {
+        let names = written.mounted.join(", ");
+        eprintln!("note: the mounting was learnt from touches that are scored as well, those of {names}");
+    }
     for SpatialTimesRow { estimator, mean_us, p99_us, .. } in written.times.iter().filter(|_| written.is_new) {
         match mean_us.zip(*p99_us) {
             Some((mean_us, p99_us)) => {
@@ -237,7 +241,8 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     Ok(conclusion(&written.failures))
 }
 
-/// Table of the summary, errors in millimetres and degrees.
+/// Table of the summary, errors in millimetres and degrees, with the NEES by which the verdict is found. Quantities that no set has are
+/// left out.
 fn summary_table(summary: &[SpatialSummaryRow]) -> String {
     let header = [
         "group",
@@ -250,7 +255,6 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
         "bound, mm",
         "bound of an unknown object, mm",
         "NEES",
-        "its 95 % interval",
         "in 95 %",
         "in 95 %, first second",
         "surface, mm",
@@ -276,8 +280,7 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             table::millimetres(row.out_of_plane_m),
             table::millimetres(row.bound_m),
             table::millimetres(row.object_bound_m),
-            table::number(row.nees),
-            format!("{:.2} to {:.2}", row.nees_low, row.nees_high),
+            table::number(row.nees_mean),
             table::percent(row.coverage),
             table::percent(row.early_coverage),
             table::millimetres(row.surface_m),
@@ -292,7 +295,12 @@ fn summary_table(summary: &[SpatialSummaryRow]) -> String {
             row.verdict.clone().unwrap_or_default(),
         ]
     };
-    table::render(&header, &summary.iter().map(row).collect::<Vec<_>>(), 3)
+    let mut rows: Vec<Vec<String>> = summary.iter().map(row).collect();
+    let is_known = |column: &usize| rows.is_empty() || rows.iter().any(|row| row[*column] != table::UNKNOWN);
+    let known: Vec<usize> = (0..header.len()).filter(is_known).collect();
+    let header: Vec<&str> = known.iter().map(|&column| header[column]).collect();
+    rows = rows.into_iter().map(|row| known.iter().map(|&column| row[column].clone()).collect()).collect();
+    table::render(&header, &rows, 3)
 }
 
 #[cfg(test)]

@@ -1,5 +1,8 @@
 //! Text tables.
 
+/// Cell of a quantity that is not known.
+pub(super) const UNKNOWN: &str = "-";
+
 /// Renders a table with aligned columns: the first `left` columns flush left, the others flush right.
 pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> String {
     let width = |column: usize| {
@@ -27,18 +30,19 @@ pub(super) fn render(header: &[&str], rows: &[Vec<String>], left: usize) -> Stri
 
 /// A length (m) in millimetres with three decimals; a dash for `None`.
 pub(super) fn millimetres(length_m: Option<f64>) -> String {
-    length_m.map_or("-".into(), |length| format!("{:.3}", length * 1e3))
+    length_m.map_or(UNKNOWN.into(), |length| format!("{:.3}", length * 1e3))
 }
 
 /// A number with two decimals, in scientific notation from 1e5 on; a dash for `None`.
 pub(super) fn number(value: Option<f64>) -> String {
     const HUGE: f64 = 1e5;
-    value.map_or("-".into(), |value| if value.abs() < HUGE { format!("{value:.2}") } else { format!("{value:.1e}") })
+    value
+        .map_or(UNKNOWN.into(), |value| if value.abs() < HUGE { format!("{value:.2}") } else { format!("{value:.1e}") })
 }
 
 /// A share in per cent; a dash for `None`.
 pub(super) fn percent(share: Option<f64>) -> String {
-    share.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share))
+    share.map_or(UNKNOWN.into(), |share| format!("{:.0} %", 100.0 * share))
 }
 
 #[cfg(test)]

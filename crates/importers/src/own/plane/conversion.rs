@@ -6,7 +6,7 @@ use files::Error;
 use trace::Characteristic;
 
 use super::mapping::ReadingColumn;
-use crate::own::rest::known_contacts;
+use crate::own::rest::check_known_contacts;
 use crate::own::units::{Reading, Unit};
 
 /// Key of the mapping that states the characteristic.
@@ -64,7 +64,7 @@ impl Conversion {
         let degree = mapped.degree.unwrap_or(DEGREE);
         let Known { recordings, contacts, pairs } = known;
         let missing = |found: String, expected: String| Error::value(path, KEY, found, expected);
-        known_contacts(path, KEY, *recordings, *contacts, touch)?;
+        check_known_contacts(path, KEY, *recordings, *contacts, touch)?;
         let mut characteristic = Characteristic::fit(degree, pairs).ok_or_else(|| {
             let found = format!(
                 "none, and {} of {contacts} contacts of the calibration within reach of the whisker",

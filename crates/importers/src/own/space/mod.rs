@@ -4,6 +4,7 @@ mod contact;
 mod mapping;
 mod orientation;
 
+use std::ops::Range;
 use std::path::Path;
 
 use files::{Error, sha256};
@@ -13,21 +14,21 @@ use trace::{
     SpatialSidecar, SpatialTrace, SpatialTruth, SpatialTruthInstant, StatedSuspension,
 };
 
-use self::contact::{Mechanics, Pin, PinContact};
+use self::contact::{Mechanics, Pin, PinContact, Side};
 use self::mapping::{SpatialContactColumns, SpatialPlacement, SpatialPoseColumns, SpatialReading};
 use super::mapping::{Channels, Mapping, Moving};
 use super::recording::{Columns, Sampled};
-use super::rest::known_contacts;
+use super::rest::check_known_contacts;
 use super::units::{Reading, Unit as _};
 use super::{Geometry, Laboratory, source_sha256};
-use crate::Imported;
 use crate::provenance::generator;
+use crate::{Imported, POISSON_RATIO};
 
 /// Key of the mapping that states the response of the sensor.
 const RESPONSE: &str = "reading.counts_per_n_m";
 
-/// Poisson ratio of nitinol.
-const POISSON_RATIO: f64 = 0.33;
+/// Interval between rows, in nominal intervals, from which on it is a gap that ends a touch.
+const MOST_INTERVALS: f64 = 1.5;
 
 /// Recordings in space.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +72,7 @@ impl Geometry for Space {
         columns.check_ranges(path, &[x, y, z], FARTHEST_M, "m")?;
         let base = laboratory.mapping.base.pose();
         let [x, y, z] = [x, y, z].map(|place| columns.at(place, clock_s));
-        let rotations = orientation.at(path, columns, clock_s)?;
+        let rotations = orientation.at(laboratory.path, path, columns, clock_s)?;
         let mut last: Option<SpatialPose> = None;
         let mut poses = Vec::with_capacity(clock_s.len());
         for (row, rotation) in rotations.into_iter().enumerate() {
@@ -82,11 +83,7 @@ impl Geometry for Space {
                 Moving::Object => recorded.inverse() * base,
             };
             let position = translation.vector;
-            if !position.iter().all(|coordinate| coordinate.abs() <= FARTHEST_M) {
-                let found = format!("{} m, {} m, {} m", position.x, position.y, position.z);
-                let expected = format!("magnitudes of at most {FARTHEST_M} m; compare the units of the mapping");
-                return Err(Error::value(path, "pose", found, expected));
-            }
+            check_place(path, "pose", &position)?;
             // The sign of a trace's quaternions is continuous, and w is not negative at first.
             let is_opposite = match &last {
                 Some(last) => last.rotation.coords.dot(&rotation.coords) < 0.0,
@@ -101,7 +98,7 @@ impl Geometry for Space {
     }
 
     fn places(
-        laboratory: &Laboratory<'_, Self>,
+        _laboratory: &Laboratory<'_, Self>,
         path: &Path,
         contact: &SpatialContactColumns,
         columns: &Columns<'_>,
@@ -110,14 +107,7 @@ impl Geometry for Space {
         let [x, y, z] = [&contact.x, &contact.y, &contact.z].map(|place| columns.at(place, clock_s));
         let place = |row: usize| Some(Vector3::new(x[row]?, y[row]?, z[row]?));
         let places: Vec<_> = (0..clock_s.len()).map(place).collect();
-        let around_m = contact.radius_m().unwrap_or_default() + laboratory.whisker.length_m;
-        let most_m = FARTHEST_M - around_m;
-        let is_far = |place: &&Vector3<f64>| !place.iter().all(|coordinate| coordinate.abs() <= most_m);
-        if let Some(far) = places.iter().flatten().find(is_far) {
-            let found = format!("{} m, {} m, {} m", far.x, far.y, far.z);
-            let expected = format!("magnitudes of at most {most_m} m; compare the units of the mapping");
-            return Err(Error::value(path, "contact", found, expected));
-        }
+        places.iter().flatten().try_for_each(|place| check_place(path, "contact", place))?;
         Ok(places)
     }
 
@@ -139,26 +129,33 @@ impl Geometry for Space {
         }
         let calibration = sampled.iter().filter(|recording| recording.entry.role == Role::Calibration);
         let recordings = calibration.clone().count();
-        let (mut contacts, mut pairs) = (0, Vec::new());
-        for recording in calibration {
-            for (row, contact) in recording.contacts(&mechanics, touch).into_iter().enumerate() {
-                contacts += usize::from(contact != Contact::None);
-                let moment_n_m = contact.point().and_then(|contact| mechanics.moment_n_m(contact));
-                pairs.extend(moment_n_m.map(|moment_n_m| (moment_n_m, recording.counts(row))));
-            }
-        }
-        known_contacts(path, RESPONSE, recordings, contacts, touch)?;
-        let response = fitted(&pairs).ok_or_else(|| {
-            let found =
-                format!("none, and {} of {contacts} contacts of the calibration within reach of the whisker", pairs.len());
-            let expected = "contacts on different sides of the whisker, which determine the response to both bending moments; \
-                            compare units and `base` of the mapping, or state the response";
-            Error::value(path, RESPONSE, found, expected)
-        })?;
-        let square = |(moment_n_m, counts): &(Vector2<f64>, Vector2<f64>)| {
-            (response.counts(*moment_n_m) - counts).map(|residual| residual * residual)
+        let mut residual_counts = Vector2::zeros();
+        let contacts_of = |response: Option<&BendingResponse>| -> Vec<(Contact, Vector2<f64>)> {
+            let of_recording = |recording: &Sampled<'_, Self>| {
+                let contacts = recording.contacts(&mechanics, touch, response).into_iter();
+                contacts.enumerate().map(|(row, contact)| (contact, recording.counts(row))).collect::<Vec<_>>()
+            };
+            calibration.clone().flat_map(of_recording).collect()
         };
-        let residual_counts = (pairs.iter().map(square).sum::<Vector2<f64>>() / pairs.len() as f64).map(f64::sqrt);
+        // Without a response, the side of a pin is that of its axis. With it, the readings decide, which may differ in light touches.
+        let mut response = None;
+        for _ in 0..2 {
+            let contacts = contacts_of(response.as_ref());
+            let known = contacts.iter().filter(|(contact, _)| *contact != Contact::Unknown).count();
+            check_known_contacts(path, RESPONSE, recordings, known, touch)?;
+            let pair = |(contact, counts): &(Contact, Vector2<f64>)| Some((contact.moment_n_m(&mechanics)?, *counts));
+            let pairs: Vec<_> = contacts.iter().filter_map(pair).collect();
+            let fitted = BendingResponse::fit(&pairs).ok_or_else(|| {
+                let found =
+                    format!("none, and {} of {known} contacts of the calibration within reach of the whisker", pairs.len());
+                let expected = "contacts on different sides of the whisker, which determine the response to both bending \
+                                moments; compare units and `base` of the mapping, or state the response";
+                Error::value(path, RESPONSE, found, expected)
+            })?;
+            response = Some(fitted);
+            residual_counts = fitted.residual_counts(&pairs);
+        }
+        let response = response.expect("it was fitted");
         Ok(SpatialSensor { mechanics, touch, response, residual_counts })
     }
 
@@ -172,20 +169,21 @@ impl Geometry for Space {
         recording
             .check_moments(|sample| response.moment_n_m(Vector2::new(sample[0], sample[1])).as_slice().to_vec())?;
         let (mut instants, mut truth) = (Vec::new(), Vec::new());
-        let mut out_of_reach = 0;
-        for (row, contact) in recording.contacts(mechanics, *touch).into_iter().enumerate() {
+        let mut not_found = 0;
+        for (row, contact) in recording.contacts(mechanics, *touch, Some(response)).into_iter().enumerate() {
             let base = recording.base[row];
             let moment_n_m = response.moment_n_m(recording.counts(row));
             instants.push(SpatialInstant::measured(recording.grid.t_s[row], base, moment_n_m));
-            out_of_reach += usize::from(contact == Contact::OutOfReach);
+            not_found += usize::from(contact == Contact::NotFound);
             let place = contact.point().map(|point| base.position + base.rotation * point);
+            place.iter().try_for_each(|place| check_place(&recording.path, "contact", place))?;
             let touching = recording.touching[row].or(place.map(|_| true));
             truth.push(SpatialTruthInstant { touching, contact: None, place });
         }
-        if out_of_reach > 0 {
+        if not_found > 0 {
             imported.notes.push(format!(
-                "{}: {out_of_reach} rows without their contact, since the pin does not push the whisker there; compare `contact` \
-                 and `base` of the mapping",
+                "{}: {not_found} rows without their contact, since the whisker has none with the pin that agrees with the reading; \
+                 compare `contact` and `base` of the mapping",
                 recording.entry.name()
             ));
         }
@@ -202,19 +200,33 @@ impl Geometry for Space {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Contact {
     /// The whisker is free, or the place is not known.
-    None,
-    /// The reading is that of a touch, but the pin does not push the whisker.
-    OutOfReach,
-    /// Contact on the centre line (m).
-    At(Vector3<f64>),
+    Unknown,
+    /// The reading is that of a touch, but there is no contact with the pin.
+    NotFound,
+    /// Contact on the centre line (m), and the moments of the rod about y and z (N m) if they are known already.
+    At(Vector3<f64>, Option<Vector2<f64>>),
 }
 
 impl Contact {
     fn point(self) -> Option<Vector3<f64>> {
         match self {
-            Self::At(point) => Some(point),
-            Self::None | Self::OutOfReach => None,
+            Self::At(point, _) => Some(point),
+            Self::Unknown | Self::NotFound => None,
         }
+    }
+
+    /// Moments of the rod about y and z (N m), 2x1. `None` if the whisker does not reach the contact.
+    fn moment_n_m(self, mechanics: &Mechanics) -> Option<Vector2<f64>> {
+        match self {
+            Self::At(point, moment_n_m) => moment_n_m.or_else(|| mechanics.moment_n_m(point)),
+            Self::Unknown | Self::NotFound => None,
+        }
+    }
+}
+
+impl From<Option<PinContact>> for Contact {
+    fn from(contact: Option<PinContact>) -> Self {
+        contact.map_or(Self::NotFound, |contact| Self::At(contact.point, Some(contact.moment_n_m)))
     }
 }
 
@@ -224,8 +236,8 @@ impl Sampled<'_, Space> {
         Vector2::from_iterator(self.readings(row))
     }
 
-    /// Contacts of all rows.
-    fn contacts(&self, mechanics: &Mechanics, touch: f64) -> Vec<Contact> {
+    /// Contacts of all rows. The side of a pin is that which agrees with the readings, if the response of the sensor is known.
+    fn contacts(&self, mechanics: &Mechanics, touch: f64, response: Option<&BendingResponse>) -> Vec<Contact> {
         let rows = self.places.len();
         let place_in_base = |row: usize| {
             let place = self.places[row].filter(|_| self.touches(row, touch))?;
@@ -235,51 +247,79 @@ impl Sampled<'_, Space> {
         let places: Vec<Option<Vector3<f64>>> = (0..rows).map(place_in_base).collect();
         let Some((axis, radius_m)) = self.entry.contact.as_ref().and_then(|of| Some((of.axis()?, of.radius_m())))
         else {
-            return places.into_iter().map(|place| place.map_or(Contact::None, Contact::At)).collect();
+            return places
+                .into_iter()
+                .map(|place| place.map_or(Contact::Unknown, |at| Contact::At(at, None)))
+                .collect();
         };
-        let mut contacts = vec![Contact::None; rows];
-        let mut found = |row: usize, near: Option<&PinContact>| {
+        let pin = |row: usize| {
             let axis = Unit::new_unchecked(self.base[row].rotation.inverse() * axis.into_inner());
-            let pin = Pin { place: places[row]?, axis, radius_m };
-            let contact = mechanics.with_pin(&pin, near);
-            contacts[row] = contact.map_or(Contact::OutOfReach, |contact| Contact::At(contact.point));
-            contact
+            places[row].map(|place| Pin { place, axis, radius_m })
         };
-        // In each touch from its deepest row on, where the side of the whisker is certain.
-        let mut row = 0;
-        while row < rows {
-            let end = (row..rows).find(|at| places[*at].is_none()).unwrap_or(rows);
-            if let Some(deepest) = (row..end).max_by(|a, b| self.size(*a).total_cmp(&self.size(*b))) {
-                let first = found(deepest, None);
-                let mut near = first;
-                for at in (row..deepest).rev() {
-                    near = found(at, near.as_ref()).or(near);
+        let agrees = |row: usize, contact: &PinContact| {
+            response.is_none_or(|response| response.moment_n_m(self.counts(row)).dot(&contact.moment_n_m) > 0.0)
+        };
+        // Side and contact in a row on whose side nothing is known.
+        let begun = |row: usize| {
+            let pin = pin(row)?;
+            let sides = if response.is_some() { Side::BOTH.to_vec() } else { vec![mechanics.side_of_axis(&pin)?] };
+            let contact = |side| Some((side, mechanics.with_pin(&pin, side, None)?));
+            sides.into_iter().filter_map(contact).find(|(_, contact)| agrees(row, contact))
+        };
+        let mut contacts = vec![Contact::Unknown; rows];
+        for touched in self.touches_of(&places) {
+            contacts[touched.clone()].fill(Contact::NotFound);
+            // From the deepest row with a contact on, where the side is most certain.
+            let mut by_depth: Vec<usize> = touched.clone().collect();
+            by_depth.sort_by(|a, b| self.distance_from_rest(*b).total_cmp(&self.distance_from_rest(*a)));
+            let Some((deepest, (side, first))) = by_depth.into_iter().find_map(|row| Some((row, begun(row)?))) else {
+                continue;
+            };
+            contacts[deepest] = Some(first).into();
+            let mut follow = |rows: &mut dyn Iterator<Item = usize>| {
+                let mut near = first.place;
+                for row in rows {
+                    let contact = pin(row).and_then(|pin| mechanics.with_pin(&pin, side, Some(&near)));
+                    let contact = contact.filter(|contact| agrees(row, contact));
+                    near = contact.map_or(near, |contact| contact.place);
+                    contacts[row] = contact.into();
                 }
-                near = first;
-                for at in deepest + 1..end {
-                    near = found(at, near.as_ref()).or(near);
-                }
-            }
-            row = end + 1;
+            };
+            follow(&mut (touched.start..deepest).rev());
+            follow(&mut (deepest + 1..touched.end));
         }
         contacts
     }
+
+    /// Rows of each touch: consecutive ones with a place, without a gap in the times.
+    fn touches_of(&self, places: &[Option<Vector3<f64>>]) -> Vec<Range<usize>> {
+        let t_s = &self.grid.t_s;
+        let mut touches: Vec<Range<usize>> = Vec::new();
+        for row in (0..places.len()).filter(|row| places[*row].is_some()) {
+            match touches.last_mut() {
+                Some(last) if last.end == row && t_s[row] - t_s[row - 1] < MOST_INTERVALS / self.rate_hz => {
+                    last.end += 1
+                }
+                _ => touches.push(row..row + 1),
+            }
+        }
+        touches
+    }
 }
 
-/// Response of a sensor to the moments of the rod. Contacts whose reading has the opposite direction are left out of a second fit: in
-/// touches that deflect the whisker by less than the radius of the pin, its side is not certain.
-fn fitted(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<BendingResponse> {
-    let first = BendingResponse::fit(pairs)?;
-    let is_consistent =
-        |(moment_n_m, counts): &&(Vector2<f64>, Vector2<f64>)| first.moment_n_m(*counts).dot(moment_n_m) > 0.0;
-    let consistent: Vec<_> = pairs.iter().filter(is_consistent).copied().collect();
-    if consistent.len() == pairs.len() { Some(first) } else { BendingResponse::fit(&consistent) }
+/// Checks that a place is in the range of a trace.
+fn check_place(path: &Path, key: &str, place: &Vector3<f64>) -> Result<(), Error> {
+    if place.iter().all(|coordinate| coordinate.abs() <= FARTHEST_M) {
+        return Ok(());
+    }
+    let found = format!("{} m, {} m, {} m", place.x, place.y, place.z);
+    let expected = format!("magnitudes of at most {FARTHEST_M} m; compare the units of the mapping");
+    Err(Error::value(path, key, found, expected))
 }
 
 fn suspension(laboratory: &Laboratory<'_, Space>) -> StatedSuspension {
-    let stiffness = laboratory.whisker.root_stiffness_n_m_rad;
-    let round = StatedSuspension { yaw_n_m_rad: stiffness, pitch_n_m_rad: stiffness, twist_n_m_rad: stiffness };
-    laboratory.mapping.suspension.unwrap_or(round)
+    let round = || StatedSuspension::round(laboratory.whisker.root_stiffness_n_m_rad);
+    laboratory.mapping.suspension.unwrap_or_else(round)
 }
 
 fn poisson_ratio(laboratory: &Laboratory<'_, Space>) -> f64 {

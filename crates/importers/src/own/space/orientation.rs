@@ -1,16 +1,15 @@
 //! Orientation of a pose, as robots state it.
 
 use std::path::Path;
-use std::rc::Rc;
 
 use files::Error;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use trace::LARGEST;
 
 use crate::own::quantity::Quantity;
 use crate::own::recording::Columns;
-use crate::own::series::{Series, join, table_error};
+use crate::own::series::{Series, table_error};
 use crate::own::units::Angle;
 
 /// Largest deviation of the norm of a recorded quaternion from 1.
@@ -43,7 +42,7 @@ pub(crate) enum Orientation {
 
 /// Component of a quaternion.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "the name of a column, or a number")]
 pub(crate) enum Component {
     Column(String),
     Value(f64),
@@ -100,13 +99,13 @@ impl Orientation {
         self.columns().is_empty().then(|| self.rotation(|_| 0.0).ok())?
     }
 
-    /// Orientations at increasing times: interpolated linearly between the quaternions of the samples. Their sign is continuous, and
-    /// w is not negative in the first one.
+    /// Orientations at increasing times, between samples at constant angular velocity.
     ///
     /// # Errors
     /// [`Error`] if the columns have times of their own, or at the first value that is implausible.
     pub(super) fn at(
         &self,
+        mapping: &Path,
         path: &Path,
         columns: &Columns<'_>,
         clock_s: &[f64],
@@ -115,24 +114,20 @@ impl Orientation {
             return Ok(vec![constant; clock_s.len()]);
         }
         let names = self.columns();
+        columns.check_one_clock(mapping, path, "pose.orientation", &names)?;
         let clock = &columns.series(names[0]).clock;
-        if names.iter().any(|name| !Rc::ptr_eq(&columns.series(name).clock, clock)) {
-            let found =
-                format!("fields with times of their own: {}", join(names.iter().map(|name| format!("`{name}`"))));
-            return Err(Error::value(path, "pose.orientation", found, "fields of the same messages"));
-        }
         if let Self::RollPitchYaw { roll: x, pitch: y, yaw: z } | Self::RotationVector { x, y, z } = self {
             columns.check_ranges(path, &[x, y, z], LARGEST, "rad")?;
         }
-        let mut samples: Vec<Quaternion<f64>> = Vec::with_capacity(clock.times_s.len());
+        let mut samples: Vec<UnitQuaternion<f64>> = Vec::with_capacity(clock.times_s.len());
         for (i, line) in clock.places.iter().enumerate() {
             let value = |name: &str| columns.series(name).values[i].unwrap_or_default();
             let rotation = self.rotation(value).map_err(|norm| {
                 let expected = "a norm of 1; compare the columns of w, x, y and z".into();
                 table_error(path, &names, *line, format!("a quaternion of norm {norm:.4}"), expected)
             })?;
-            let is_opposite = samples.last().is_some_and(|last| last.dot(rotation.quaternion()) < 0.0);
-            samples.push(if is_opposite { -rotation.into_inner() } else { rotation.into_inner() });
+            let is_opposite = samples.last().is_some_and(|last| last.coords.dot(&rotation.coords) < 0.0);
+            samples.push(if is_opposite { Unit::new_unchecked(-rotation.into_inner()) } else { rotation });
         }
         let component = |place: usize| Series {
             clock: clock.clone(),
@@ -142,18 +137,23 @@ impl Orientation {
         // A component changes by at most half of the angle.
         let glitches = components.iter().flat_map(|series| series.glitches(0.5 * GLITCH_RAD, 0.5 * FASTEST_RAD_S));
         if let Some(glitch) = glitches.min_by_key(|glitch| glitch.line) {
-            let expected = "single orientations near those of the rows before and after: remove the row".into();
-            let found = "a rotation from those of the rows before and after".into();
+            let i = clock.places.partition_point(|line| *line < glitch.line);
+            let angle_rad = samples[i].angle_to(&samples[i - 1]).min(samples[i].angle_to(&samples[i + 1]));
+            let found = format!("an orientation {angle_rad:.3} rad from those of the rows before and after");
+            let expected = format!("at most {:.3} rad: remove the row", 2.0 * glitch.most);
             return Err(table_error(path, &names, glitch.line, found, expected));
         }
-        let [x, y, z, w] = components.map(|series| series.at(clock_s));
-        let is_negative = w.first().is_some_and(|w| w.unwrap_or_default() < 0.0);
-        let sign = if is_negative { -1.0 } else { 1.0 };
-        let rotation = |row: usize| {
-            let [w, x, y, z] = [&w, &x, &y, &z].map(|component| sign * component[row].unwrap_or_default());
-            UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+        let rotation = |time_s: &f64| {
+            let next = clock.times_s.partition_point(|sample_s| sample_s < time_s);
+            if next == 0 || clock.times_s.get(next) == Some(time_s) {
+                return samples[next];
+            }
+            let [from, to] = [next - 1, next.min(samples.len() - 1)];
+            let share = (time_s - clock.times_s[from]) / (clock.times_s[to] - clock.times_s[from]);
+            // Between opposite orientations there is no shortest way.
+            samples[from].try_slerp(&samples[to], share, f64::EPSILON).unwrap_or(samples[from])
         };
-        Ok((0..clock_s.len()).map(rotation).collect())
+        Ok(clock_s.iter().map(rotation).collect())
     }
 
     /// The rotation with these values of the columns, in their units. The norm of a quaternion if it is not 1.

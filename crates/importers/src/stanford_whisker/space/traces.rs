@@ -19,13 +19,10 @@ use whisker::rod::Rod;
 use super::{Labelled, Source, SpatialCalibration, SpatialRecordings, Wire, stanford_in_space, with_length};
 use crate::provenance::generator;
 use crate::stanford_whisker::{NAME, NOMINAL_RATE_HZ, TOUCH_SHARE, class_of};
-use crate::{Imported, Progress};
+use crate::{Imported, POISSON_RATIO, Progress};
 
 /// Nominal pause between two lines of a calibration, from which a fit sees that they are two.
 const PAUSE_S: f64 = 1.0;
-
-/// Poisson ratio of nitinol.
-const POISSON_RATIO: f64 = 0.33;
 
 /// Ratio of the wire's length to the arc length of its outermost contact, as in the planar registration.
 const BEYOND_CONTACT: f64 = 1.02;
@@ -116,15 +113,10 @@ impl<'a> Converted<'a> {
         }
         let response = BendingResponse::fit(&pairs)
             .ok_or_else(|| undetermined(format!("{} contacts within reach of the wire", pairs.len())))?;
-        let square = |(moment_n_m, counts): &(Vector2<f64>, Vector2<f64>)| {
-            (response.counts(*moment_n_m) - counts).map(|residual| residual * residual)
-        };
-        let residual_counts = (pairs.iter().map(square).sum::<Vector2<f64>>() / pairs.len() as f64).map(f64::sqrt);
+        let residual_counts = response.residual_counts(&pairs);
         let length_m = registered.length_m.max(BEYOND_CONTACT * outermost_m);
         let whisker = with_length(registered, length_m).unwrap_or_else(|| registered.clone());
-        let stiffness = whisker.root_stiffness_n_m_rad;
-        let suspension =
-            StatedSuspension { yaw_n_m_rad: stiffness, pitch_n_m_rad: stiffness, twist_n_m_rad: stiffness };
+        let suspension = StatedSuspension::round(whisker.root_stiffness_n_m_rad);
         Ok(Self { calibration, whisker, suspension, response, residual_counts, rest_counts, touch_counts })
     }
 

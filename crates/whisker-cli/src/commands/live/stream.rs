@@ -685,6 +685,10 @@ impl Method for OfSpace {
         })?;
         check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
         check_counts(prior.zeroing_s, prior.modulo)?;
+        let for_counts = [("zeroing_s", prior.zeroing_s), ("modulo", prior.modulo)];
+        if let Some((key, _)) = for_counts.iter().find(|(_, stated)| stated.is_some() && file.sensor.is_none()) {
+            bail!("{key}: found a setting of counts, expected none: {} has no sensor of recordings", path.display());
+        }
         let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != file.whisker)
             || prior.suspension.is_some_and(|stated| stated != file.suspension)
             || prior.poisson_ratio.is_some_and(|stated| stated != file.poisson_ratio);
