@@ -152,7 +152,7 @@ impl SpatialCalibrationFile {
         })
     }
 
-    /// Reads and checks a calibration file in space. It does not load the sensor models, which takes about half a second each:
+    /// Reads and checks a calibration file in space. It does not load the sensor models, which takes about a tenth of a second each:
     /// [`Self::calibrated`] loads and checks one.
     ///
     /// # Errors

@@ -1,11 +1,17 @@
 //! The integration: Taylor series of the spatial equilibrium, summed from the contact back to the root.
 //!
 //! All right-hand sides are products of series, so that their coefficients follow from recurrences, as in the plane
-//! ([`crate::elastica`]). The derivatives with respect to the load are the recurrences of the linearised equations.
+//! ([`crate::elastica`]). The derivatives with respect to the load are the recurrences of the linearised equations. The products take
+//! nearly all of the time and are vectorised: the components of a director, and the derivatives by several parameters, are computed
+//! together. Their sums have the same order on every processor, and so have the same bits.
 
+use std::ops::{AddAssign, Mul};
+
+use filters::fearless_simd::f64x4;
+use filters::fearless_simd::prelude::*;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::taylor::{ORDER, Series, Stretch, horner, product};
+use crate::taylor::{ORDER, Series, Stretch};
 
 /// Size of the last terms kept: in direction relative to a unit vector, in position relative to the arc length of the contact.
 const TOLERANCE: f64 = 1e-16;
@@ -49,48 +55,78 @@ pub(super) struct SectionRate {
     pub(super) rotation: Vector3<f64>,
 }
 
-/// Series of a vector.
-type VectorSeries = [Series; 3];
+/// Coefficients of the series of a vector, from order 0.
+type VectorSeries = [Vector3<f64>; ORDER + 1];
 
-const NONE: VectorSeries = [[0.0; ORDER + 1]; 3];
+/// Coefficients of the series of up to [`LANES`] vectors, one in each lane.
+type LaneSeries<S> = [[f64x4<S>; 3]; ORDER + 1];
 
-fn constant(vector: Vector3<f64>) -> VectorSeries {
-    let mut series = NONE;
-    put(&mut series, 0, vector);
-    series
-}
-
-/// Term of order `k`.
-fn term(series: &VectorSeries, k: usize) -> Vector3<f64> {
-    Vector3::from_fn(|i, _| series[i][k])
-}
-
-fn put(series: &mut VectorSeries, k: usize, term: Vector3<f64>) {
-    for (series, value) in series.iter_mut().zip(term.iter()) {
-        series[k] = *value;
-    }
-}
+/// Number of lanes.
+const LANES: usize = 4;
 
 fn sum(series: &VectorSeries, step_m: f64) -> Vector3<f64> {
-    Vector3::from_fn(|i, _| horner(&series[i], step_m))
+    series.iter().rev().fold(Vector3::zeros(), |sum, term| sum * step_m + term)
 }
 
-/// Term of order `k` of the scalar product.
-fn dot(a: &VectorSeries, b: &VectorSeries, k: usize) -> f64 {
-    a.iter().zip(b).map(|(a, b)| product(a, b, k)).sum()
+/// Components of a vector in the lanes.
+#[inline(always)]
+fn components<S: Simd>(simd: S, vector: &Vector3<f64>) -> f64x4<S> {
+    f64x4::load_array(simd, [vector.x, vector.y, vector.z, 0.0])
+}
+
+/// A vector in each lane; zero in the lanes beyond the last.
+#[inline(always)]
+fn gathered<S: Simd>(simd: S, vectors: impl Iterator<Item = Vector3<f64>>) -> [f64x4<S>; 3] {
+    let mut found = [[0.0; LANES]; 3];
+    for (lane, vector) in vectors.enumerate() {
+        for i in 0..3 {
+            found[i][lane] = vector[i];
+        }
+    }
+    [f64x4::load_array(simd, found[0]), f64x4::load_array(simd, found[1]), f64x4::load_array(simd, found[2])]
+}
+
+/// The same vector in all lanes.
+#[inline(always)]
+fn splat<S: Simd>(simd: S, vector: &Vector3<f64>) -> [f64x4<S>; 3] {
+    [f64x4::splat(simd, vector.x), f64x4::splat(simd, vector.y), f64x4::splat(simd, vector.z)]
+}
+
+/// The same series in all lanes.
+#[inline(always)]
+fn splat_series<S: Simd>(simd: S, series: &VectorSeries) -> LaneSeries<S> {
+    let mut found = zeros(simd);
+    for k in 0..=ORDER {
+        found[k] = splat(simd, &series[k]);
+    }
+    found
+}
+
+#[inline(always)]
+fn zeros<S: Simd>(simd: S) -> LaneSeries<S> {
+    [[f64x4::splat(simd, 0.0); 3]; ORDER + 1]
+}
+
+/// Vector product.
+#[inline(always)]
+fn cross<S: Simd>(a: &[f64x4<S>; 3], b: &[f64x4<S>; 3]) -> [f64x4<S>; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Term of order `k` of the vector product.
-fn cross(a: &VectorSeries, b: &VectorSeries, k: usize) -> Vector3<f64> {
-    Vector3::from_fn(|i, _| {
-        let (j, l) = ((i + 1) % 3, (i + 2) % 3);
-        product(&a[j], &b[l], k) - product(&a[l], &b[j], k)
-    })
-}
-
-/// Term of order `k` of the product of a scalar and a vector.
-fn scaled(a: &Series, b: &VectorSeries, k: usize) -> Vector3<f64> {
-    Vector3::from_fn(|i, _| product(a, &b[i], k))
+#[inline(always)]
+fn cross_term<S: Simd>(simd: S, a: &LaneSeries<S>, b: &LaneSeries<S>, k: usize) -> [f64x4<S>; 3] {
+    let zero = f64x4::splat(simd, 0.0);
+    let (mut plus, mut minus) = ([zero; 3], [zero; 3]);
+    for j in 0..=k {
+        let (a, b) = (&a[j], &b[k - j]);
+        for i in 0..3 {
+            let (l, m) = ((i + 1) % 3, (i + 2) % 3);
+            plus[i] += a[l] * b[m];
+            minus[i] += a[m] * b[l];
+        }
+    }
+    [plus[0] - minus[0], plus[1] - minus[1], plus[2] - minus[2]]
 }
 
 /// Series of the equilibrium around one arc length.
@@ -112,46 +148,90 @@ struct Flexibility {
 
 impl Flexibility {
     /// Term of order `k` of the curvatures about the directors under the moments `about` them.
-    fn curvature(&self, about: &VectorSeries, k: usize) -> Vector3<f64> {
-        Vector3::from_fn(|i, _| {
-            let bending: f64 = (0..self.terms.min(k + 1)).map(|j| self.bending[j] * about[i][k - j]).sum();
-            if i == 0 { self.twist * bending } else { bending }
-        })
+    #[inline(always)]
+    fn curvature<T: Copy + Mul<f64, Output = T> + AddAssign>(
+        &self,
+        zero: T,
+        about: &[[T; 3]; ORDER + 1],
+        k: usize,
+    ) -> [T; 3] {
+        let mut found = [zero; 3];
+        for j in 0..self.terms.min(k + 1) {
+            for a in 0..3 {
+                found[a] += about[k - j][a] * self.bending[j];
+            }
+        }
+        [found[0] * self.twist, found[1], found[2]]
     }
 }
 
 impl Expansion {
     fn new(section: &Section, force: Vector3<f64>, curvature_per_m: f64, flexibility: &Flexibility) -> Self {
-        let mut position = constant(section.position);
-        let mut directors = [0, 1, 2].map(|i| constant(section.directors.column(i).into_owned()));
-        let (mut moment, mut about, mut curvatures) = (NONE, NONE, NONE);
+        filters::vectorised!(simd => Self::around(simd, section, force, curvature_per_m, flexibility))
+    }
+
+    /// As [`Self::new`]. Each lane contains one component of the vectors.
+    #[inline(always)]
+    fn around<S: Simd>(
+        simd: S,
+        section: &Section,
+        force: Vector3<f64>,
+        curvature_per_m: f64,
+        flexibility: &Flexibility,
+    ) -> Self {
+        let zero = f64x4::splat(simd, 0.0);
+        let none = [Vector3::zeros(); ORDER + 1];
+        let mut found = Self { position: none, directors: [none; 3], moment: none };
+        let mut directors = [[zero; ORDER + 1]; 3];
+        found.position[0] = section.position;
+        for (a, director) in section.directors.column_iter().enumerate() {
+            found.directors[a][0] = director.into_owned();
+            directors[a][0] = components(simd, &found.directors[a][0]);
+        }
+        let mut moment = [zero; ORDER + 1];
+        let (mut about, mut curvatures) = ([[0.0; 3]; ORDER + 1], [[0.0; 3]; ORDER + 1]);
         for k in 0..ORDER {
             let next = 1.0 / (k as f64 + 1.0);
-            put(&mut moment, k, force.cross(&term(&position, k)));
-            put(&mut about, k, Vector3::from_fn(|a, _| dot(&directors[a], &moment, k)));
-            let mut curvature = flexibility.curvature(&about, k);
-            if k == 0 {
-                curvature.z += curvature_per_m;
+            found.moment[k] = force.cross(&found.position[k]);
+            moment[k] = components(simd, &found.moment[k]);
+            let mut products = [zero; 3];
+            for j in 0..=k {
+                for a in 0..3 {
+                    products[a] += directors[a][j] * moment[k - j];
+                }
             }
-            put(&mut curvatures, k, curvature);
-            put(&mut position, k + 1, term(&directors[0], k) * next);
-            // Each director turns by the curvatures about the other two.
             for a in 0..3 {
-                let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-                let turn = scaled(&curvatures[c], &directors[b], k) - scaled(&curvatures[b], &directors[c], k);
-                put(&mut directors[a], k + 1, turn * next);
+                about[k][a] = products[a][0] + products[a][1] + products[a][2];
+            }
+            curvatures[k] = flexibility.curvature(0.0, &about, k);
+            if k == 0 {
+                curvatures[k][2] += curvature_per_m;
+            }
+            found.position[k + 1] = found.directors[0][k] * next;
+            // Each director turns by the curvatures about the other two.
+            let (mut plus, mut minus) = ([zero; 3], [zero; 3]);
+            for j in 0..=k {
+                for a in 0..3 {
+                    let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+                    plus[a] += directors[b][k - j] * curvatures[j][c];
+                    minus[a] += directors[c][k - j] * curvatures[j][b];
+                }
+            }
+            for a in 0..3 {
+                let term = (plus[a] - minus[a]) * next;
+                directors[a][k + 1] = term;
+                found.directors[a][k + 1] = Vector3::new(term[0], term[1], term[2]);
             }
         }
-        Self { position, directors, moment }
+        found
     }
 
     /// Step at which the last terms have the size of the tolerance. The last three, since every second term of a symmetric state
     /// is zero.
     fn step_m(&self, arc_m: f64) -> f64 {
         let step = |order: usize| {
-            let directions = self.directors.iter().flatten().map(|series| series[order].abs());
-            let positions = self.position.iter().map(|series| series[order].abs() / arc_m);
-            let size = directions.chain(positions).fold(0.0, f64::max);
+            let directions = self.directors.iter().map(|series| series[order].amax()).fold(0.0, f64::max);
+            let size = directions.max(self.position[order].amax() / arc_m);
             (TOLERANCE / size).powf(1.0 / order as f64)
         };
         step(ORDER - 2).min(step(ORDER - 1)).min(step(ORDER))
@@ -163,29 +243,87 @@ impl Expansion {
         Section { position: sum(&self.position, step_m), directors: Matrix3::from_columns(&columns) }
     }
 
-    /// Derivative of the section at `step_m` by a parameter, from that at the centre of the expansion.
-    fn rate(
+    /// Replaces the derivatives of the section at the centre of the expansion by parameters, one for each parameter, by those of the
+    /// section at `step_m`.
+    fn propagate(
         &self,
-        rate: &SectionRate,
+        rates: &mut [SectionRate],
         force: Vector3<f64>,
-        by: Parameter,
+        parameters: &[Parameter],
         flexibility: &Flexibility,
         step_m: f64,
-    ) -> SectionRate {
-        let (mut position, mut rotation) = (constant(rate.position), constant(rate.rotation));
-        let (mut moment, mut about, mut curvatures) = (NONE, NONE, NONE);
+    ) {
+        for (rates, parameters) in rates.chunks_mut(LANES).zip(parameters.chunks(LANES)) {
+            filters::vectorised!(simd => self.propagate_by(simd, rates, force, parameters, flexibility, step_m));
+        }
+    }
+
+    /// As [`Self::propagate`]. Each lane contains the derivatives by one parameter.
+    #[inline(always)]
+    fn propagate_by<S: Simd>(
+        &self,
+        simd: S,
+        rates: &mut [SectionRate],
+        force: Vector3<f64>,
+        parameters: &[Parameter],
+        flexibility: &Flexibility,
+        step_m: f64,
+    ) {
+        let zero = f64x4::splat(simd, 0.0);
+        let of_moment = splat_series(simd, &self.moment);
+        let [tangent, left, up] = &self.directors;
+        let directors = [splat_series(simd, tangent), splat_series(simd, left), splat_series(simd, up)];
+        let of_force = splat(simd, &force);
+        let (mut position, mut rotation) = (zeros(simd), zeros(simd));
+        position[0] = gathered(simd, rates.iter().map(|rate| rate.position));
+        rotation[0] = gathered(simd, rates.iter().map(|rate| rate.rotation));
+        let (mut moment, mut about, mut curvatures) = (zeros(simd), zeros(simd), zeros(simd));
         for k in 0..ORDER {
             let next = 1.0 / (k as f64 + 1.0);
             // The change of the moment as seen from the turned section.
-            let change = force.cross(&term(&position, k)) + by.moment(term(&self.position, k));
-            put(&mut moment, k, change + cross(&self.moment, &rotation, k));
-            put(&mut about, k, Vector3::from_fn(|a, _| dot(&self.directors[a], &moment, k)));
-            put(&mut curvatures, k, flexibility.curvature(&about, k));
-            put(&mut position, k + 1, cross(&rotation, &self.directors[0], k) * next);
-            let turns = curvatures.iter().zip(&self.directors).map(|(by, director)| scaled(by, director, k));
-            put(&mut rotation, k + 1, turns.sum::<Vector3<f64>>() * next);
+            let by_position = cross(&of_force, &position[k]);
+            let by_parameter = gathered(simd, parameters.iter().map(|by| by.moment(self.position[k])));
+            let by_rotation = cross_term(simd, &of_moment, &rotation, k);
+            for i in 0..3 {
+                moment[k][i] = by_position[i] + by_parameter[i] + by_rotation[i];
+            }
+            let mut products = [[zero; 3]; 3];
+            for j in 0..=k {
+                for a in 0..3 {
+                    for i in 0..3 {
+                        products[a][i] += directors[a][j][i] * moment[k - j][i];
+                    }
+                }
+            }
+            for a in 0..3 {
+                about[k][a] = products[a][0] + products[a][1] + products[a][2];
+            }
+            curvatures[k] = flexibility.curvature(zero, &about, k);
+            let moved = cross_term(simd, &rotation, &directors[0], k);
+            let mut turns = [[zero; 3]; 3];
+            for j in 0..=k {
+                for a in 0..3 {
+                    for i in 0..3 {
+                        turns[a][i] += curvatures[j][a] * directors[a][k - j][i];
+                    }
+                }
+            }
+            for i in 0..3 {
+                position[k + 1][i] = moved[i] * next;
+                rotation[k + 1][i] = (turns[0][i] + turns[1][i] + turns[2][i]) * next;
+            }
         }
-        SectionRate { position: sum(&position, step_m), rotation: sum(&rotation, step_m) }
+        let (mut positions, mut rotations) = ([zero; 3], [zero; 3]);
+        for k in (0..=ORDER).rev() {
+            for i in 0..3 {
+                positions[i] = positions[i] * step_m + position[k][i];
+                rotations[i] = rotations[i] * step_m + rotation[k][i];
+            }
+        }
+        for (lane, rate) in rates.iter_mut().enumerate() {
+            let of_lane = |vectors: &[f64x4<S>; 3]| Vector3::new(vectors[0][lane], vectors[1][lane], vectors[2][lane]);
+            *rate = SectionRate { position: of_lane(&positions), rotation: of_lane(&rotations) };
+        }
     }
 }
 
@@ -231,13 +369,37 @@ pub(super) fn root<const N: usize>(
             }
             let end_m = (s_m - step_m).max(stretch.start_m);
             let along_m = end_m - s_m;
-            for (rate, by) in rates.iter_mut().zip(parameters) {
-                *rate = line.rate(rate, force, by, &flexibility, along_m);
-            }
+            line.propagate(&mut rates, force, &parameters, &flexibility, along_m);
             section = line.section(along_m);
             visit(s_m, end_m, line);
             s_m = end_m;
         }
     }
     Some((section, rates))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::Whisker;
+
+    #[test]
+    fn verif_derivatives_do_not_depend_on_those_computed_with_them() {
+        let whisker = Whisker::curved();
+        let (stretches, coefficient) = (Stretch::of(&whisker), 64.0 / (PI * whisker.youngs_modulus_pa));
+        let force = Vector3::new(0.0, 4e-3, -3e-3);
+        // More than lanes.
+        let forces = [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(1.0, 2.0, -1.0)].map(Parameter::Force);
+        let [x, y, z, mixed] = forces;
+        let (section, rates) =
+            root(&stretches, coefficient, 1.33, 0.05, force, [x, y, z, mixed, Parameter::Arc], |_, _, _| {}).unwrap();
+        for (by, rate) in [x, y, z, mixed, Parameter::Arc].into_iter().zip(rates) {
+            let alone = root(&stretches, coefficient, 1.33, 0.05, force, [by], |_, _, _| {}).unwrap();
+            assert_eq!(alone, (section, [rate]), "{by:?}");
+        }
+        let sum = rates[0].rotation + 2.0 * rates[1].rotation - rates[2].rotation;
+        assert!((rates[3].rotation - sum).norm() < 1e-12 * sum.norm());
+    }
 }

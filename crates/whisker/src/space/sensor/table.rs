@@ -6,6 +6,9 @@
 //! axis, whose error decreases with the fourth power of the pitch. Beyond the table it is that of the nearest cell, and below a
 //! tenth of the first arc length that at this tenth.
 
+use std::sync::Mutex;
+use std::thread;
+
 use filters::fearless_simd::f64x8;
 use filters::fearless_simd::prelude::*;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -88,10 +91,14 @@ impl Grid {
 
     /// Coordinates of all nodes, ascending along the whisker, then to the left, then upwards.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = Around> {
-        let [along, columns, depth] = NODES;
-        let indices = (0..along).flat_map(move |i| (0..columns).flat_map(move |j| (0..depth).map(move |k| [i, j, k])));
-        indices.map(|index| self.node(index))
+        indices().map(|index| self.node(index))
     }
+}
+
+/// Indices of all nodes, in the order of [`Grid::nodes`].
+fn indices() -> impl Iterator<Item = [usize; 3]> {
+    let [along, columns, depth] = NODES;
+    (0..along).flat_map(move |i| (0..columns).flat_map(move |j| (0..depth).map(move |k| [i, j, k])))
 }
 
 /// Order in which the nodes across the whisker are computed: from the middle outwards, so that each has a computed neighbour
@@ -103,30 +110,55 @@ fn outwards() -> Vec<[usize; 2]> {
     order
 }
 
+/// Values at the nodes of one arc length, given those of the middle node. `None` if there are none somewhere.
+fn slice<const C: usize, State: Copy>(
+    order: &[[usize; 2]],
+    middle: (SVector<f64, C>, State),
+    values: impl Fn([usize; 2], State) -> Option<(SVector<f64, C>, State)>,
+) -> Option<Vec<[f64; C]>> {
+    let inwards = |i: usize, axis: usize| {
+        let middle = NODES[axis] / 2;
+        i - usize::from(i > middle) + usize::from(i < middle)
+    };
+    let mut found = vec![middle; NODES[1] * NODES[2]];
+    // The first is the middle node.
+    for &[j, k] in &order[1..] {
+        let (_, near) = found[inwards(j, 1) * NODES[2] + inwards(k, 2)];
+        found[j * NODES[2] + k] = values([j, k], near)?;
+    }
+    Some(found.into_iter().map(|(value, _)| value.into()).collect())
+}
+
 impl<const C: usize> Table<C> {
-    /// Tabulates `values`, which may be computed from the result of a neighbouring node. `None` if it has no values somewhere.
-    pub(crate) fn new<State: Copy>(
+    /// Tabulates `values`, which may be computed from the result of a neighbouring node, with a thread per processor. `None` if it has
+    /// no values somewhere.
+    pub(crate) fn new<State: Copy + Send>(
         grid: Grid,
-        mut values: impl FnMut(Around, Option<State>) -> Option<(SVector<f64, C>, State)>,
+        values: impl Fn(Around, Option<State>) -> Option<(SVector<f64, C>, State)> + Sync,
     ) -> Option<Self> {
-        let [_, columns, depth] = NODES;
-        let mut nodes = vec![[0.0; C]; NODES.iter().product()];
-        let inwards = |i: usize, axis: usize| {
-            let middle = NODES[axis] / 2;
-            i - usize::from(i > middle) + usize::from(i < middle)
-        };
-        let order = outwards();
+        // Of the nodes at one arc length, only the middle one depends on those at another.
+        let mut middles = Vec::with_capacity(NODES[0]);
         let mut along: Option<State> = None;
         for i in 0..NODES[0] {
-            let mut states: Vec<Option<State>> = vec![None; columns * depth];
-            for &[j, k] in &order {
-                let near = states[inwards(j, 1) * depth + inwards(k, 2)].or(along);
-                let (value, state) = values(grid.node([i, j, k]), near)?;
-                nodes[(i * columns + j) * depth + k] = value.into();
-                states[j * depth + k] = Some(state);
-            }
-            along = states[columns / 2 * depth + depth / 2];
+            let middle = values(grid.node([i, NODES[1] / 2, NODES[2] / 2]), along)?;
+            along = Some(middle.1);
+            middles.push(middle);
         }
+        let order = outwards();
+        let mut slices = vec![None; NODES[0]];
+        let rest = Mutex::new(slices.iter_mut().zip(middles).enumerate());
+        let next = || rest.lock().expect("no thread panics while it holds the lock").next();
+        let work = || {
+            while let Some((i, (nodes, middle))) = next() {
+                *nodes = slice(&order, middle, |[j, k], near| values(grid.node([i, j, k]), Some(near)));
+            }
+        };
+        thread::scope(|scope| {
+            for _ in 0..thread::available_parallelism().map_or(1, usize::from).min(NODES[0]) {
+                scope.spawn(work);
+            }
+        });
+        let nodes = slices.into_iter().collect::<Option<Vec<_>>>()?.concat();
         Some(Self { grid, nodes })
     }
 
@@ -255,6 +287,24 @@ mod tests {
         let listed = Table::of_nodes(grid, grid.nodes().map(|at| value(at).into()).collect());
         assert!(computed.is_some() && computed == listed);
         assert_eq!(Table::<2>::of_nodes(grid, Vec::new()), None);
+    }
+
+    #[test]
+    fn verif_a_node_is_computed_from_its_neighbour_nearer_to_the_middle() {
+        let domain =
+            SpatialDomain { arc_m: vec![0.03, 0.06], directions: 4, away_m: vec![2e-3; 8], across: Across::Normal };
+        let grid = Grid::new(&domain);
+        // The number of nodes on the way from the first one.
+        let steps = |_: Around, near: Option<f64>| {
+            let steps = near.map_or(0.0, |steps| steps + 1.0);
+            Some((Vector2::new(steps, 0.0), steps))
+        };
+        let table = Table::new(grid, steps).unwrap();
+        let away = |index: usize, axis: usize| index.abs_diff(NODES[axis] / 2);
+        let expected = |[i, j, k]: [usize; 3]| [(i + away(j, 1).max(away(k, 2))) as f64, 0.0];
+        assert_eq!(table.nodes, indices().map(expected).collect::<Vec<_>>());
+        let ends = |at: Around, _: Option<()>| (at.left_m < 1.9e-3).then_some((Vector2::zeros(), ()));
+        assert_eq!(Table::new(grid, ends), None);
     }
 
     #[test]

@@ -16,9 +16,9 @@ pub(super) struct Tabulated {
 impl Tabulated {
     /// Tabulates the moments of contacts (N m), 2x1, which may be computed from the result of a neighbouring contact. `None` if the
     /// moments of a contact do not exist.
-    pub(super) fn new<State: Copy>(
+    pub(super) fn new<State: Copy + Send>(
         region: &SpatialRegion<'_>,
-        mut readings_n_m: impl FnMut(Point<Base>, Option<State>) -> Option<(Vector2<f64>, State)>,
+        readings_n_m: impl Fn(Point<Base>, Option<State>) -> Option<(Vector2<f64>, State)> + Sync,
     ) -> Option<Self> {
         let axis = region.domain.axis(&region.whisker.whisker);
         let at_node = |at: Around, near| readings_n_m(at.contact(&axis), near);
