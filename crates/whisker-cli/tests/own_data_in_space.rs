@@ -478,13 +478,95 @@ fn robust_a_calibration_that_does_not_determine_the_response_is_named() {
         recordings
             .retain(|recording| ["calibration_1.csv", "trial_1.csv"].iter().any(|name| recording["file"] == *name));
     });
-    let words = ["reading.counts_per_n_m: found", "contacts on different sides of the whisker"];
+    let words = ["reading.counts_per_n_m: found", "contacts from several directions about the whisker"];
     let folder = changed(|mapping| mapping["contact"]["x"]["unit"] = "m".into());
     fails(
         &folder,
         &["reading.counts_per_n_m: found none, and 0 of", "contacts of the calibration within reach", words[1]],
     );
     fails(&one_side, &words);
+}
+
+/// Notes and warnings of an import that succeeds.
+fn remarks(folder: &tempfile::TempDir) -> String {
+    let out = folder.path().join("traces");
+    good(&["import", "csv", text(&folder.path().join("import.json")), "--space", "--out", text(&out)]).1
+}
+
+#[test]
+fn robust_a_whisker_that_is_mounted_otherwise_is_noticed() {
+    let correct = remarks(&changed(|_| {}));
+    assert!(correct.contains("explain its readings to 0."), "{correct}");
+    let folder = changed(|mapping| {
+        mapping["base"]["orientation"]["roll_pitch_yaw"]["roll"] = json!({"value": 90, "unit": "deg"});
+    });
+    let found = remarks(&folder);
+    for words in [
+        "note: rows without their contact, because none with the pin agrees with the reading; compare",
+        "warning: calibration_1: moment_y_n_m, moment_z_n_m: found moments that differ by",
+        "; likewise calibration_2, ",
+    ] {
+        assert!(found.contains(words), "does not contain `{words}`: {found}");
+    }
+    let (_, notes) = good(&["fit", text(&folder.path().join("traces")), "--model", "polynomial"]);
+    assert!(notes.contains("warning: whisker `lab-whisker`: found a held-out RMS of"), "{notes}");
+}
+
+#[test]
+fn robust_a_whisker_that_is_not_free_at_first_is_noticed() {
+    let folder = changed(|mapping| mapping["reading"]["rest_s"] = json!(2.0));
+    let found = remarks(&folder);
+    for words in [
+        "note: trial_1: the reading changes by",
+        "within `rest_s`, as in a touch",
+        "note: trial_1: the reading at rest differs by",
+        "was the whisker free at first?",
+    ] {
+        assert!(found.contains(words), "does not contain `{words}`: {found}");
+    }
+}
+
+#[test]
+fn robust_a_trial_without_a_known_contact_is_named_by_the_evaluation() {
+    let folder = changed(|mapping| {
+        let contact = mapping.as_object_mut().unwrap().remove("contact").unwrap();
+        for recording in mapping["recordings"].as_array_mut().unwrap() {
+            if recording["role"] == "calibration" {
+                recording["contact"] = contact.clone();
+            }
+        }
+    });
+    let (traces, results) = (imported(&folder), folder.path().join("results"));
+    good(&["fit", text(&traces), "--model", "polynomial"]);
+    let evaluate = || good(&["evaluate", text(&traces), "--estimators", "point", "--results", text(&results)]).1;
+    let words = "note: not scored, since no known contact lies in the calibrated domain: trial_1";
+    assert!([evaluate(), evaluate()].iter().all(|notes| notes.contains(words)));
+}
+
+/// Light touches, in which the whisker is deflected by less than the radius of the pin: the readings tell its side.
+#[test]
+fn verif_the_side_of_a_thick_pin_follows_from_the_readings() {
+    let folder = changed(|_| {});
+    let reference = read(&imported(&folder), "trial_1");
+    // Rows from the touch on in which the pin has pressed the whisker by less than its radius.
+    rewrite(&folder, "trial_1.csv", |line, cells| {
+        if line > 64 {
+            cells.clear();
+        }
+    });
+    let path = folder.path().join("trial_1.csv");
+    let kept: String = fs::read_to_string(&path)
+        .unwrap()
+        .lines()
+        .filter(|line| !line.is_empty())
+        .map(|line| format!("{line}\n"))
+        .collect();
+    fs::write(&path, kept).unwrap();
+    let trace = read(&imported(&folder), "trial_1");
+    let rows = trace.truth.instants.iter().zip(&reference.truth.instants);
+    let known: Vec<_> = rows.filter_map(|(found, expected)| Some((found.place?, expected.place?))).collect();
+    assert!(known.len() >= 3, "{known:?}");
+    assert!(known.iter().all(|(found, expected)| (found - expected).norm() < 1e-4), "{known:?}");
 }
 
 #[test]

@@ -13,6 +13,9 @@ const MILLI: f64 = 1e3;
 /// Largest deviation of the moment from root stiffness x rotation, relative to the largest moment.
 const ROTATION_TOLERANCE: f64 = 0.05;
 
+/// Ratio of a moment to the largest possible one below which it is not in another unit.
+const SLIGHT: f64 = 10.0;
+
 /// Largest rotation of the root that a contact can cause, and largest strain of a super-elastic wire.
 const MOST_ROTATION_RAD: f64 = FRAC_PI_2;
 const MOST_STRAIN: f64 = 0.1;
@@ -91,10 +94,14 @@ pub(super) fn withstood(
     if largest_n_m <= most_n_m {
         return None;
     }
-    let looks_like = if largest_n_m / MILLI <= most_n_m {
+    let excess = largest_n_m / most_n_m;
+    let looks_like = if excess < SLIGHT {
+        "the stiffness, the diameter or the length of the whisker, or the frame of contacts or poses, is another one"
+            .into()
+    } else if excess <= MILLI {
         THOUSAND_TIMES_LOOK.into()
     } else {
-        format!("the moment looks {:.0e} times too large", largest_n_m / most_n_m)
+        format!("the moment looks {excess:.0e} times too large")
     };
     Some(Finding {
         place,

@@ -1,6 +1,6 @@
 //! Runs of evaluations in space: a folder with the tables and a description of the inputs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use files::{sha256_of_file, write_atomically, write_json};
@@ -17,7 +17,7 @@ use testbed::space::files::{
     TRIALS,
 };
 use testbed::space::map::{SpatialMap, Sweep};
-use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow};
+use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::space::run::{SpatialRun, SpatialRunCalibration, SpatialRunTrial, SpatialRunWhisker, SweptSolid};
 use testbed::space::solid::Solid;
 use testbed::statistics;
@@ -176,6 +176,8 @@ pub struct SpatialWritten {
     pub failures: Vec<FailureRow>,
     /// Names of the trials from which a mounting was learnt.
     pub mounted: Vec<String>,
+    /// Names of the trials without a known contact in the calibrated domain.
+    pub unscored: Vec<String>,
     /// Whether it was evaluated. `false` if it was found up to date.
     pub is_new: bool,
 }
@@ -203,12 +205,13 @@ pub fn evaluate_into(
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)
             && is_complete(&run, folder)
-            && let (Ok(_), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
+            && let (Ok(trials), Ok(summary)) = (SpatialRun::trials(folder), SpatialRun::summary(folder))
             && let (Ok(times), Ok(failures)) = (SpatialRun::times(folder), SpatialRun::failures(folder))
             && (settings.programs.is_empty() || failures.is_empty() && !force)
         {
             tidy(folder)?;
-            return Ok(SpatialWritten { summary, times, failures, mounted, is_new: false });
+            let unscored = unscored(&trials);
+            return Ok(SpatialWritten { summary, times, failures, mounted, unscored, is_new: false });
         }
         if !force {
             check_same(folder, old.map(|old| differences(&old, &run)))?;
@@ -223,8 +226,16 @@ pub fn evaluate_into(
         }
     };
     part.finish()?;
-    let SpatialEvaluated { summary, times, failures, .. } = evaluated;
-    Ok(SpatialWritten { summary, times, failures, mounted, is_new: true })
+    let SpatialEvaluated { summary, times, failures, trials } = evaluated;
+    Ok(SpatialWritten { summary, times, failures, mounted, unscored: unscored(&trials), is_new: true })
+}
+
+/// Names of the traces of which no instant is scored.
+fn unscored(trials: &[SpatialTrialRow]) -> Vec<String> {
+    let is_scored = |trial: &&SpatialTrialRow| trial.answered.is_some() || trial.rmse_m.is_some();
+    let scored: BTreeSet<&str> = trials.iter().filter(is_scored).map(|trial| trial.trace.as_str()).collect();
+    let all: BTreeSet<&str> = trials.iter().map(|trial| trial.trace.as_str()).collect();
+    all.difference(&scored).map(|name| (*name).to_owned()).collect()
 }
 
 /// Evaluates a dataset and writes all files of the run into a folder.

@@ -93,7 +93,10 @@ pub(crate) trait Geometry: Clone + Debug {
         touch: f64,
     ) -> Result<Self::Sensor, Error>;
 
-    /// Adds the trace of a recording, and remarks about it.
+    /// Remark about the sensor.
+    fn remark(sensor: &Self::Sensor) -> Option<String>;
+
+    /// Adds the trace of a recording. Returns the number of rows whose reading is that of a touch, but of which no contact is found.
     ///
     /// # Errors
     /// [`Error`] if a reader of the trace would refuse it.
@@ -102,7 +105,7 @@ pub(crate) trait Geometry: Clone + Debug {
         sensor: &Self::Sensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<(), Error>;
+    ) -> Result<usize, Error>;
 }
 
 /// Columns of a pose.
@@ -175,13 +178,26 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     let usual = usual(&sampled);
     sampled.iter_mut().for_each(|recording| recording.mark_glitches(usual));
     let touch = mapping.reading.touch().unwrap_or_else(|| rest::touch(usual));
+    imported.notes.extend(other_rests(&sampled, touch));
     let sensor = G::sensor(&laboratory, &sampled, touch)?;
+    let mut not_found = Vec::new();
     for recording in &sampled {
         match G::add_trace(&laboratory, &sensor, recording, &mut imported) {
-            Ok(()) => imported.notes.extend(recording.notes()),
+            Ok(rows) => {
+                not_found.extend((rows > 0).then(|| format!("{} ({rows})", recording.entry.name())));
+                imported.notes.extend(recording.notes(touch));
+            }
             Err(error) => imported.failures.push(error),
         }
     }
+    if !not_found.is_empty() {
+        imported.notes.push(format!(
+            "rows without their contact, because none with the pin agrees with the reading; compare `contact`, `base` and `whisker` \
+             of the mapping: {}",
+            not_found.join(", ")
+        ));
+    }
+    imported.notes.extend(G::remark(&sensor));
     Ok(imported)
 }
 
@@ -210,6 +226,23 @@ fn usual<G: Geometry>(sampled: &[Sampled<'_, G>]) -> f64 {
     let of = |recordings: &mut dyn Iterator<Item = &Sampled<'_, G>>| recordings.map(Sampled::largest).reduce(f64::max);
     let is_calibration = |recording: &&Sampled<'_, G>| recording.entry.role == Role::Calibration;
     of(&mut sampled.iter().filter(is_calibration)).or_else(|| of(&mut sampled.iter())).unwrap_or_default()
+}
+
+/// Remarks about recordings whose reading at rest differs from the median of all recordings as in a touch.
+fn other_rests<G: Geometry>(sampled: &[Sampled<'_, G>], touch: f64) -> Vec<String> {
+    let rests: Vec<Vec<f64>> = sampled.iter().map(Sampled::rest).collect();
+    let usual = |channel: usize| rest::median(rests.iter().map(|rest| rest[channel]).collect());
+    let usual: Vec<f64> = (0..rests[0].len()).map(usual).collect();
+    let apart = |rest: &[f64]| rest.iter().zip(&usual).map(|(rest, usual)| rest - usual).fold(0.0, f64::hypot);
+    let others = sampled.iter().zip(&rests).map(|(recording, rest)| (recording, apart(rest)));
+    let remark = |(recording, apart): (&Sampled<'_, G>, f64)| {
+        let name = recording.entry.name();
+        format!(
+            "{name}: the reading at rest differs by {apart:.3e} from that of the other recordings, as in a touch (more than \
+             {touch:.3e}): was the whisker free at first?"
+        )
+    };
+    others.filter(|(_, apart)| *apart > touch).map(remark).collect()
 }
 
 /// Mapping and whisker, common to all recordings.

@@ -198,10 +198,17 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         }
     }
 
-    /// Remarks about the rows.
-    pub(super) fn notes(&self) -> Vec<String> {
+    /// Remarks about the rows, given the distance from rest beyond which the whisker touches.
+    pub(super) fn notes(&self, touch: f64) -> Vec<String> {
         let mut notes = Vec::new();
         let name = self.entry.name();
+        let change = self.channels.iter().map(|channel| channel.at_rest.change).fold(0.0, f64::hypot);
+        if change > touch {
+            notes.push(format!(
+                "{name}: the reading changes by {change:.3e} within `rest_s`, as in a touch (more than {touch:.3e}): the whisker must be \
+                 free there"
+            ));
+        }
         if self.grid.is_resampled {
             notes.push(format!("{name}: interpolated to equal intervals"));
         }

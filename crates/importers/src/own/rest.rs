@@ -27,6 +27,8 @@ const LEAST_AT_REST: usize = 10;
 pub(super) struct AtRest {
     pub(super) rest: f64,
     pub(super) noise_sd: f64,
+    /// Change of the reading from the first to the second half of the time at rest (medians). 0 if rest is stated.
+    pub(super) change: f64,
 }
 
 impl AtRest {
@@ -39,7 +41,8 @@ impl AtRest {
     pub(super) fn of(path: &Path, stated: StatedAtRest, rest_s: Option<f64>, series: &Series) -> Result<Self, Error> {
         let StatedAtRest { rest, noise_sd } = stated;
         let Some(rest_s) = rest_s else {
-            return Ok(Self { rest: rest.unwrap_or_default(), noise_sd: noise_sd.unwrap_or_default() });
+            let (rest, noise_sd) = (rest.unwrap_or_default(), noise_sd.unwrap_or_default());
+            return Ok(Self { rest, noise_sd, change: 0.0 });
         };
         let times_s = &series.clock.times_s;
         let duration_s = times_s.last().map_or(0.0, |last_s| last_s - times_s[0]);
@@ -63,12 +66,13 @@ impl AtRest {
         // The difference of two independent readings has twice the variance of one.
         let sd = (squares.iter().sum::<f64>() / (2 * squares.len().max(1)) as f64).sqrt();
         let noise_sd = noise_sd.unwrap_or_else(|| sd.max(resolution / 12.0_f64.sqrt()));
-        Ok(Self { rest, noise_sd })
+        let (first, second) = readings.split_at(readings.len() / 2);
+        Ok(Self { rest, noise_sd, change: median(second.to_vec()) - median(first.to_vec()) })
     }
 }
 
 /// Median; the larger of the two in the middle.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

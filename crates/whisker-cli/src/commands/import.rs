@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::slice;
 
 use anyhow::{Context, bail};
-use evaluation::plausibility::{Subject, spatial_findings};
+use evaluation::plausibility::{Finding, Subject, spatial_findings};
 use files::{Error, check_replaces_own, read_json, write_atomically};
 use importers::{IMPORTERS, Imported, importer};
 use serde_json::Value;
@@ -99,16 +99,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for note in &imported.notes {
         eprintln!("note: {note}");
     }
-    for trace in &imported.traces {
-        for finding in Subject::new(trace, None).findings() {
-            eprintln!("warning: {}: {finding}", trace.sidecar.name);
-        }
-    }
-    for trace in &imported.spatial_traces {
-        for finding in spatial_findings(trace) {
-            eprintln!("warning: {}: {finding}", trace.sidecar.name);
-        }
-    }
+    let planar = imported.traces.iter().map(|trace| (&trace.sidecar.name, Subject::new(trace, None).findings()));
+    let spatial = imported.spatial_traces.iter().map(|trace| (&trace.sidecar.name, spatial_findings(trace)));
+    print_findings(planar.chain(spatial));
     print_failures(&imported.failures);
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
 }
@@ -146,6 +139,25 @@ fn check_replaces_imported(out: &Path, name: &str, generator: &str, format: u32)
             file["kind"] == "trace" && file["format"] == format && file["generator"]["name"] == generator
         })
     })
+}
+
+/// Prints the findings of traces. Those of several traces with the same probable cause are one line.
+fn print_findings<'a>(findings: impl Iterator<Item = (&'a String, Vec<Finding>)>) {
+    let mut causes: Vec<(Finding, Vec<&String>)> = Vec::new();
+    for (name, finding) in findings.flat_map(|(name, found)| found.into_iter().map(move |finding| (name, finding))) {
+        let is_same =
+            |(other, _): &&mut (Finding, _)| (other.place, &other.looks_like) == (finding.place, &finding.looks_like);
+        match causes.iter_mut().find(is_same) {
+            Some((_, names)) => names.push(name),
+            None => causes.push((finding, vec![name])),
+        }
+    }
+    for (finding, names) in causes {
+        let (first, others) = names.split_first().expect("a finding has a trace");
+        let names: Vec<&str> = others.iter().map(|name| name.as_str()).collect();
+        let others = if names.is_empty() { String::new() } else { format!("; likewise {}", names.join(", ")) };
+        eprintln!("warning: {first}: {finding}{others}");
+    }
 }
 
 fn print_failures(failures: &[Error]) {

@@ -30,6 +30,9 @@ use super::played::{InSpace, beside};
 use super::progress::Progress;
 use super::{print, table};
 
+/// Largest held-out error of a sensor model, relative to the largest reading, that a correct calibration has.
+const MOST_HELDOUT: f64 = 0.05;
+
 /// Fits the calibration traces and prints a table of the models.
 pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out: &Path) -> anyhow::Result<ExitCode> {
     let fitted = fit(dataset, settings, out, &Progress::of("fitting"))?;
@@ -54,6 +57,19 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
         }
     }
     print(&table::render(&["whisker", "model", "held-out RMS", "held-out worst", "choice"], &rows, 2))?;
+    for SpatialFitted { calibration, .. } in &fitted {
+        let rms_n_m = calibration.model(None).map_or(0.0, |model| model.heldout_rms_n_m);
+        let share = rms_n_m / calibration.largest_reading_n_m;
+        if share > MOST_HELDOUT {
+            eprintln!(
+                "warning: whisker `{}`: found a held-out RMS of {:.0} % of the largest reading, expected at most {:.0} %: contacts, \
+                 poses or whisker may be wrong; see `whisker check`",
+                calibration.whisker.name,
+                100.0 * share,
+                100.0 * MOST_HELDOUT
+            );
+        }
+    }
     for whisker in &fitted {
         let state = if whisker.is_new { "" } else { " (up to date)" };
         print(&format!("{}{state}\n", whisker.path.display()))?;
@@ -229,6 +245,10 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     if !written.mounted.is_empty() {
         let names = written.mounted.join(", ");
         eprintln!("note: the mounting was learnt from touches that are scored as well, those of {names}");
+    }
+    if !written.unscored.is_empty() {
+        let names = written.unscored.join(", ");
+        eprintln!("note: not scored, since no known contact lies in the calibrated domain: {names}");
     }
     for SpatialTimesRow { estimator, mean_us, p99_us, .. } in written.times.iter().filter(|_| written.is_new) {
         match mean_us.zip(*p99_us) {

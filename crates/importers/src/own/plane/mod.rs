@@ -130,12 +130,16 @@ impl Geometry for Plane {
         Ok(Sensor { mechanics, touch, conversion })
     }
 
+    fn remark(_sensor: &Sensor) -> Option<String> {
+        None
+    }
+
     fn add_trace(
         laboratory: &Laboratory<'_, Self>,
         sensor: &Sensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<(), Error> {
+    ) -> Result<usize, Error> {
         let characteristic = &sensor.conversion.characteristic;
         recording.check_moments(|sample| vec![characteristic.moment_n_m(sample[0])])?;
         let (mut instants, mut truths) = (Vec::new(), Vec::new());
@@ -162,7 +166,7 @@ impl Geometry for Plane {
         let mut trace = Trace { sidecar, recording: Recording { instants }, truth: Truth { instants: truths } };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         imported.traces.push(trace);
-        Ok(())
+        Ok(0)
     }
 }
 

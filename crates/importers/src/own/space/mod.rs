@@ -41,6 +41,8 @@ pub(crate) struct SpatialSensor {
     touch: f64,
     response: BendingResponse,
     residual_counts: Vector2<f64>,
+    /// Size of these residuals relative to that of the readings. `None` if the response is stated.
+    residual: Option<f64>,
 }
 
 impl Geometry for Space {
@@ -125,11 +127,12 @@ impl Geometry for Space {
             (unit, _) => BendingResponse::new(signs / unit.si()),
         };
         if let Some(response) = stated {
-            return Ok(SpatialSensor { mechanics, touch, response, residual_counts: Vector2::zeros() });
+            let (residual_counts, residual) = (Vector2::zeros(), None);
+            return Ok(SpatialSensor { mechanics, touch, response, residual_counts, residual });
         }
         let calibration = sampled.iter().filter(|recording| recording.entry.role == Role::Calibration);
         let recordings = calibration.clone().count();
-        let mut residual_counts = Vector2::zeros();
+        let (mut residual_counts, mut residual) = (Vector2::zeros(), None);
         let contacts_of = |response: Option<&BendingResponse>| -> Vec<(Contact, Vector2<f64>)> {
             let of_recording = |recording: &Sampled<'_, Self>| {
                 let contacts = recording.contacts(&mechanics, touch, response).into_iter();
@@ -148,15 +151,27 @@ impl Geometry for Space {
             let fitted = BendingResponse::fit(&pairs).ok_or_else(|| {
                 let found =
                     format!("none, and {} of {known} contacts of the calibration within reach of the whisker", pairs.len());
-                let expected = "contacts on different sides of the whisker, which determine the response to both bending \
-                                moments; compare units and `base` of the mapping, or state the response";
+                let cause = if pairs.is_empty() { "; compare units and `base` of the mapping" } else { "" };
+                let expected = format!(
+                    "contacts from several directions about the whisker, which determine the response to both bending moments, or \
+                     a stated response{cause}"
+                );
                 Error::value(path, RESPONSE, found, expected)
             })?;
             response = Some(fitted);
             residual_counts = fitted.residual_counts(&pairs);
+            let size: f64 = pairs.iter().map(|(_, counts)| counts.norm_squared()).sum();
+            residual = Some(residual_counts.norm() / (size / pairs.len() as f64).sqrt());
         }
         let response = response.expect("it was fitted");
-        Ok(SpatialSensor { mechanics, touch, response, residual_counts })
+        Ok(SpatialSensor { mechanics, touch, response, residual_counts, residual })
+    }
+
+    fn remark(sensor: &SpatialSensor) -> Option<String> {
+        let percent = 100.0 * sensor.residual?;
+        Some(format!(
+            "the moments of the rod at the known contacts of the calibration explain its readings to {percent:.1} % (RMS)"
+        ))
     }
 
     fn add_trace(
@@ -164,7 +179,7 @@ impl Geometry for Space {
         sensor: &SpatialSensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<(), Error> {
+    ) -> Result<usize, Error> {
         let SpatialSensor { mechanics, touch, response, .. } = sensor;
         recording
             .check_moments(|sample| response.moment_n_m(Vector2::new(sample[0], sample[1])).as_slice().to_vec())?;
@@ -180,19 +195,12 @@ impl Geometry for Space {
             let touching = recording.touching[row].or(place.map(|_| true));
             truth.push(SpatialTruthInstant { touching, contact: None, place });
         }
-        if not_found > 0 {
-            imported.notes.push(format!(
-                "{}: {not_found} rows without their contact, since the whisker has none with the pin that agrees with the reading; \
-                 compare `contact` and `base` of the mapping",
-                recording.entry.name()
-            ));
-        }
         let sidecar = sidecar(laboratory, sensor, recording);
         let (recording, truth) = (SpatialRecording { instants }, SpatialTruth { instants: truth });
         let mut trace = SpatialTrace { sidecar, recording, truth };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         imported.spatial_traces.push(trace);
-        Ok(())
+        Ok(not_found)
     }
 }
 
