@@ -11,7 +11,7 @@ use evaluation::space::evaluate::{SpatialEvaluateSettings, evaluate};
 use evaluation::space::fit::{SpatialFitSettings, SpatialFitted, fit};
 use evaluation::space::{SpatialWritten, evaluate_into};
 use indicatif::ProgressBar;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use testbed::dataset::Dataset;
@@ -19,9 +19,9 @@ use testbed::front_end::{BendingAxes, FrontEndConfig};
 use testbed::space::SpatialEstimateRow;
 use testbed::space::replay::read_calibration;
 use testbed::space::run::SpatialRun;
-use trace::{CalibrationFile, Role, SpatialCalibrationFile, SpatialTrace};
+use trace::{CalibrationFile, LearntMounting, Role, SpatialCalibrationFile, SpatialTrace};
 use whisker::space::frames::Point;
-use whisker::space::sensor::{Across, Around, Axis};
+use whisker::space::sensor::{Across, Around, Axis, Mounting};
 
 use space_dataset::{dataset, fit_settings, golden, lines, trace};
 
@@ -248,6 +248,44 @@ fn robust_a_finished_run_is_kept_while_nothing_changed_and_other_settings_do_not
     let changed = run(0.02, &["point", "line"], false).unwrap();
     assert!(changed.is_new, "a stale run was kept");
     assert_eq!(changed.times[0].p99_us, None, "a time of a step although no step had an estimate");
+}
+
+#[test]
+fn robust_a_learnt_mounting_is_a_setting_of_the_run_and_its_touch_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path(), 9);
+    let fitted = fit_first(&dataset, folder.path());
+    let results = folder.path().join("results");
+    let run = |calibrations: Option<PathBuf>, force: bool| {
+        let settings = SpatialEvaluateSettings { calibrations, ..settings(&["point"], &[1]) };
+        evaluate_into(&results, &dataset, &settings, force, &ProgressBar::hidden())
+    };
+    let first = run(None, false).unwrap();
+    assert!(first.mounted.is_empty() && first.unscored.is_empty());
+    let [calibration] = &SpatialRun::read(&results).unwrap().unwrap().calibrations[..] else {
+        panic!("one calibration")
+    };
+    assert_eq!(
+        (&calibration.whisker, &calibration.model),
+        (&fitted.calibration.whisker.name, &fitted.calibration.chosen)
+    );
+
+    let deviation = Mounting {
+        shift_m: Vector3::new(1e-4, 0.0, 0.0),
+        turn_rad: Vector3::zeros(),
+        covariance: Matrix6::identity() * 1e-8,
+    };
+    let mounting = Some(LearntMounting { deviation, traces: vec!["press".into()], data_sha256: "ab".into() });
+    let mounted = folder.path().join("mounted");
+    fs::create_dir(&mounted).unwrap();
+    let path = mounted.join(fitted.path.file_name().unwrap());
+    files::write_json(&path, &SpatialCalibrationFile { mounting, ..fitted.calibration }).unwrap();
+    let message = run(Some(mounted.clone()), false).unwrap_err().to_string();
+    let words = "mounting: that of the calibrations there, learnt from press here";
+    assert!(message.contains(words) && message.contains("--force"), "{message}");
+    assert_eq!(run(Some(mounted.clone()), true).unwrap().mounted, ["press"]);
+    let again = run(Some(mounted), false).unwrap();
+    assert!(!again.is_new && again.mounted == ["press"]);
 }
 
 #[test]
