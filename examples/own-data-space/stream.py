@@ -16,7 +16,7 @@ from pathlib import Path
 RECORDING = Path(__file__).with_name("trial_1.csv")
 
 FIRST_LINE = {"protocol": 2, "rate_hz": 100.0, "zeroing_s": 0.3}
-"""The whisker is free for `zeroing_s`."""
+"""First line of the stream. The whisker must be free for the first `zeroing_s` (s)."""
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

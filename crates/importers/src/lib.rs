@@ -82,7 +82,7 @@ pub use stanford_whisker::space::{
     Labelled, SpatialCalibration, SpatialRecordings, SpatialSweep, SpatialTrial, Wire, stanford_in_space,
 };
 
-/// Poisson ratio of nitinol.
+/// Default Poisson ratio of a wire: that of nitinol.
 const POISSON_RATIO: f64 = 0.33;
 
 /// Largest reading of a sensor (counts).

@@ -127,7 +127,7 @@ pub struct CountsEntry {
     /// Axis that is read, in the plane. Missing: [`Axis::Y`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<Axis>,
-    /// Axes of both channels, in space, in the order of the recordings of the calibration. Missing: x and y.
+    /// Axes of both channels, in space, in the order of `channels` in the mapping of the import. Missing: x and y.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axes: Option<[Axis; 2]>,
     /// Number of values of a counter that wraps, such as 65536. Missing: the counts do not wrap.

@@ -384,7 +384,9 @@ fn robust_poses_in_the_wrong_unit() {
     let folder = changed(|text| change(text).replacen("\"rest_s\"", "\"characteristic\": [-3e7, 0, 0], \"rest_s\"", 1));
     let (_, output) = imported(folder.path());
     let warnings = String::from_utf8(output.stderr).unwrap();
-    assert!(warnings.contains("warning: trial_1: ") && warnings.contains("frame of the poses"), "{warnings}");
+    let cause = warnings.lines().find(|line| line.contains("frame of the poses")).unwrap();
+    assert!(cause.starts_with("warning: calibration_1: "), "{cause}");
+    assert!(cause.ends_with("; likewise calibration_2, calibration_3, calibration_4, trial_1"), "{cause}");
 }
 
 /// Example with a changed line of the trial, from 1.

@@ -151,7 +151,7 @@ fn verif_own_csv_in_space_gives_accurate_contacts() {
     let mapping = example().join("import.json");
     let (listed, notes) = good(&["import", "csv", text(&mapping), "--space", "--out", text(&traces)]);
     assert!(listed.contains("lab-whisker") && notes.contains("trial_1: interpolated"), "{listed}{notes}");
-    assert!(!notes.contains("warning") && !notes.contains("without their contact"), "{notes}");
+    assert!(!notes.contains("warning") && !notes.contains("without a contact"), "{notes}");
     good(&["check", text(&traces)]);
     good(&["fit", text(&traces), "--model", "spline"]);
     good(&["evaluate", text(&traces), "--estimators", "recommended", "--results", text(&results)]);
@@ -185,7 +185,7 @@ fn verif_live_counts_in_space_have_the_contacts_of_their_moments() {
     assert!(!notes.contains("no sensor"), "{notes}");
     let calibration = traces.join("calibrations/lab-whisker.json");
     let (checked, _) = good(&["check", text(&calibration)]);
-    assert!(checked.contains("; sensor of recordings"), "{checked}");
+    assert!(checked.contains("; with the sensor of its recordings"), "{checked}");
     let sensor = SpatialCalibrationFile::read(&calibration).unwrap().sensor.unwrap();
     let trial = read(&traces, "trial_1");
     let recorded = trial.sidecar.recorded.unwrap();
@@ -442,7 +442,7 @@ fn robust_wrong_values_of_a_mapping_in_space_are_named() {
     );
     of(
         |mapping| mapping["contact"]["axis"] = json!([0, 0, 0]),
-        &["contact.axis: found [0.0, 0.0, 0.0], expected a direction, not all zero"],
+        &["contact.axis: found [0.0, 0.0, 0.0], expected three numbers, not all zero"],
     );
     of(
         |mapping| mapping["contact"].as_object_mut().map_or((), |contact| drop(contact.remove("axis"))),
@@ -458,7 +458,7 @@ fn robust_wrong_values_of_a_mapping_in_space_are_named() {
     );
     of(
         |mapping| mapping["base"]["orientation"] = json!({"quaternion": {"w": 2, "x": 0, "y": 0, "z": 0}}),
-        &["base.orientation: found a quaternion of norm 2, expected a unit quaternion"],
+        &["base.orientation: found a quaternion of norm 2, expected a norm of 1 within 0.01"],
     );
     of(
         |mapping| mapping["base"]["orientation"] = mapping["pose"]["orientation"].clone(),
@@ -496,13 +496,13 @@ fn remarks(folder: &tempfile::TempDir) -> String {
 #[test]
 fn robust_a_whisker_that_is_mounted_otherwise_is_noticed() {
     let correct = remarks(&changed(|_| {}));
-    assert!(correct.contains("explain its readings to 0."), "{correct}");
+    assert!(correct.contains("deviate by 0."), "{correct}");
     let folder = changed(|mapping| {
         mapping["base"]["orientation"]["roll_pitch_yaw"]["roll"] = json!({"value": 90, "unit": "deg"});
     });
     let found = remarks(&folder);
     for words in [
-        "note: rows without their contact, because none with the pin agrees with the reading; compare",
+        "note: rows without a contact, since no contact with the pin agrees with the reading; check",
         "warning: calibration_1: moment_y_n_m, moment_z_n_m: found moments that differ by",
         "; likewise calibration_2, ",
     ] {
@@ -517,10 +517,10 @@ fn robust_a_whisker_that_is_not_free_at_first_is_noticed() {
     let folder = changed(|mapping| mapping["reading"]["rest_s"] = json!(2.0));
     let found = remarks(&folder);
     for words in [
-        "note: trial_1: the reading changes by",
-        "within `rest_s`, as in a touch",
-        "note: trial_1: the reading at rest differs by",
-        "was the whisker free at first?",
+        "note: trial_1: reading at rest: found a change of",
+        "within `rest_s`, expected at most",
+        "note: trial_1: reading at rest: found 3",
+        "the whisker must be free at the start",
     ] {
         assert!(found.contains(words), "does not contain `{words}`: {found}");
     }

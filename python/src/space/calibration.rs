@@ -173,14 +173,14 @@ impl SpatialCalibration {
         self.calibrated.real_sensor
     }
 
-    /// The sensor of the imported recordings to which the calibration was fitted. Raises `ValueError` if it has none, as that of
-    /// simulated traces.
+    /// The sensor of the imported recordings to which the calibration was fitted. Raises `ValueError` if the calibration has none,
+    /// for example if it was fitted to simulated traces.
     fn sensor(&self) -> PyResult<BendingSensor> {
         let file = self.file.sensor.ok_or_else(|| {
             refused(
                 &self.path.display().to_string(),
                 "no sensor",
-                "a calibration that `whisker fit` made of recordings",
+                "a calibration that `whisker fit` made of imported recordings",
             )
         })?;
         Ok(BendingSensor { file })

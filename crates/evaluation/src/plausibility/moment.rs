@@ -96,7 +96,7 @@ pub(super) fn withstood(
     }
     let excess = largest_n_m / most_n_m;
     let looks_like = if excess < SLIGHT {
-        "the stiffness, the diameter or the length of the whisker, or the frame of contacts or poses, is another one"
+        "the stiffness, the diameter or the length of the whisker, or the frame of the contacts or poses, is wrong"
             .into()
     } else if excess <= MILLI {
         THOUSAND_TIMES_LOOK.into()

@@ -55,8 +55,8 @@ pub const SPATIAL_TESTS: &[SpatialTest] = &[
     SpatialTest { name: "mechanics", about: "bending moment against that of the rod through the known contact", find: mechanics },
 ];
 
-/// Findings of all tests of a trace in space. The last one, which finds every error of a trace with known contacts but cannot tell them
-/// apart, is made if the others find none.
+/// Findings of all tests of a trace in space. The last test is run only if the others find nothing: it responds to errors of every
+/// kind and does not identify the cause.
 pub fn spatial_findings(trace: &SpatialTrace) -> Vec<Finding> {
     let (last, others) = SPATIAL_TESTS.split_last().expect("the registry has tests");
     let findings: Vec<Finding> = others.iter().filter_map(|test| (test.find)(trace)).collect();
@@ -269,8 +269,8 @@ fn mechanics(trace: &SpatialTrace) -> Option<Finding> {
         place: "moment_y_n_m, moment_z_n_m",
         found: format!("moments that differ by {:.0} % (RMS) from those at the known contacts", 100.0 * (apart / size).sqrt()),
         expected: format!("at most {:.0} % from those of the whisker's mechanics", 100.0 * MECHANICS),
-        looks_like: "the contacts or the poses are in another frame or unit, the whisker is another one or turned about its axis, or \
-                     the reading at rest is wrong"
+        looks_like: "the contacts or the poses are in another frame or unit, the parameters of the whisker are wrong, the whisker is \
+                     turned about its axis, or the reading at rest is wrong"
             .into(),
     })
 }

@@ -192,8 +192,8 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     }
     if !not_found.is_empty() {
         imported.notes.push(format!(
-            "rows without their contact, because none with the pin agrees with the reading; compare `contact`, `base` and `whisker` \
-             of the mapping: {}",
+            "rows without a contact, since no contact with the pin agrees with the reading; check `contact`, `base` and `whisker` in \
+             the mapping; recordings (rows): {}",
             not_found.join(", ")
         ));
     }
@@ -238,8 +238,8 @@ fn other_rests<G: Geometry>(sampled: &[Sampled<'_, G>], touch: f64) -> Vec<Strin
     let remark = |(recording, apart): (&Sampled<'_, G>, f64)| {
         let name = recording.entry.name();
         format!(
-            "{name}: the reading at rest differs by {apart:.3e} from that of the other recordings, as in a touch (more than \
-             {touch:.3e}): was the whisker free at first?"
+            "{name}: reading at rest: found {apart:.3e} from the median of all recordings, expected at most {touch:.3e} (`touch`); the \
+             whisker must be free at the start"
         )
     };
     others.filter(|(_, apart)| *apart > touch).map(remark).collect()
@@ -273,6 +273,8 @@ fn source_sha256() -> String {
         include_bytes!("space/mapping.rs"),
         include_bytes!("space/mod.rs"),
         include_bytes!("space/orientation.rs"),
+        include_bytes!("space/pin.rs"),
+        include_bytes!("space/response.rs"),
         include_bytes!("topics.rs"),
         include_bytes!("units.rs"),
     ] {

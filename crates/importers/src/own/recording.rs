@@ -205,8 +205,8 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         let change = self.channels.iter().map(|channel| channel.at_rest.change).fold(0.0, f64::hypot);
         if change > touch {
             notes.push(format!(
-                "{name}: the reading changes by {change:.3e} within `rest_s`, as in a touch (more than {touch:.3e}): the whisker must be \
-                 free there"
+                "{name}: reading at rest: found a change of {change:.3e} within `rest_s`, expected at most {touch:.3e} (`touch`); the \
+                 whisker must be free during this time"
             ));
         }
         if self.grid.is_resampled {

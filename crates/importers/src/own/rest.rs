@@ -109,14 +109,14 @@ pub(super) fn check_known_contacts(
 ) -> Result<(), Error> {
     if recordings == 0 {
         let found = "none, and no recording with the role `calibration`";
-        let expected = "recordings with this role, to whose known contacts it is fitted; or state it";
+        let expected = "recordings with this role, to whose known contacts the value is fitted, or the value itself";
         return Err(Error::value(path, key, found, expected));
     }
     if contacts == 0 {
         let found = format!("none, and no known contact in the recordings with the role `calibration` ({recordings})");
         let expected = format!(
             "a `contact`, and rows in which the whisker touches it: the reading differs by more than `touch` ({touch:.3e}) \
-             from rest, the median of the first `rest_s`, or the column `touching` is 1; or state it"
+             from rest, the median of the first `rest_s`, or the column `touching` is 1; or the value itself"
         );
         return Err(Error::value(path, key, found, expected));
     }

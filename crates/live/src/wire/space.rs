@@ -160,8 +160,8 @@ pub fn parse(line: &str) -> Result<SpatialLine, BadLine> {
     };
     if reading.is_none() && base.is_none() {
         return Err(unplaced(
-            "found neither a reading nor a pose, expected moment_y_n_m and moment_z_n_m, or counts, or the seven keys of a pose, \
-             or both",
+            "found neither a reading nor a pose, expected a reading (moment_y_n_m and moment_z_n_m, or counts), the seven keys of a \
+             pose, or both",
         ));
     }
     Ok(Line::Sample(SampleLine { name: keys.name, t_s: keys.t_s, reading, base }))

@@ -29,8 +29,8 @@ pub struct StatedSuspension {
 }
 
 impl StatedSuspension {
-    /// A suspension that is equally stiff about every axis (N m/rad).
-    pub fn round(stiffness_n_m_rad: f64) -> Self {
+    /// A suspension with the same stiffness about all axes (N m/rad).
+    pub fn isotropic(stiffness_n_m_rad: f64) -> Self {
         Self { yaw_n_m_rad: stiffness_n_m_rad, pitch_n_m_rad: stiffness_n_m_rad, twist_n_m_rad: stiffness_n_m_rad }
     }
 

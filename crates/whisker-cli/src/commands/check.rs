@@ -130,7 +130,7 @@ fn check_spatial_calibration(path: &Path) -> anyhow::Result<String> {
     let (whisker, label) = (&calibration.whisker.name, &calibrated.label);
     let through = match (&calibration.front_end, &calibration.sensor) {
         (Some(front_end), _) => format!("; through `{}`", front_end.name),
-        (None, Some(_)) => "; sensor of recordings".into(),
+        (None, Some(_)) => "; with the sensor of its recordings".into(),
         (None, None) => String::new(),
     };
     Ok(format!(

@@ -22,8 +22,8 @@ use super::{front_end, json, noise_fraction, print, seed, table};
 /// Argument of `--model` that selects the model by cross-validation.
 const AUTO: &str = "auto";
 
-/// Begins the reason why a calibration of recordings has no sensor.
-pub(super) const NO_SENSOR: &str = "the calibration has no sensor, so that it cannot convert counts";
+/// Start of the message that states why a calibration of recordings has no sensor.
+pub(super) const NO_SENSOR: &str = "the calibration has no sensor and cannot convert counts";
 
 /// Fit sensor models to the calibration traces of a suite or folder
 #[derive(clap::Args)]

@@ -62,8 +62,8 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
         let share = rms_n_m / calibration.largest_reading_n_m;
         if share > MOST_HELDOUT {
             eprintln!(
-                "warning: whisker `{}`: found a held-out RMS of {:.0} % of the largest reading, expected at most {:.0} %: contacts, \
-                 poses or whisker may be wrong; see `whisker check`",
+                "warning: whisker `{}`: found a held-out RMS of {:.0} % of the largest reading, expected at most {:.0} %: the contacts, \
+                 the poses or the parameters of the whisker may be wrong; run `whisker check`",
                 calibration.whisker.name,
                 100.0 * share,
                 100.0 * MOST_HELDOUT
@@ -244,7 +244,7 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     print(&format!("{}{}{state}\n", summary_table(&written.summary), folder.display()))?;
     if !written.mounted.is_empty() {
         let names = written.mounted.join(", ");
-        eprintln!("note: the mounting was learnt from touches that are scored as well, those of {names}");
+        eprintln!("note: the mounting was learnt from trials that are also scored: {names}");
     }
     if !written.unscored.is_empty() {
         let names = written.unscored.join(", ");

@@ -1,9 +1,9 @@
 //! The integration: Taylor series of the spatial equilibrium, summed from the contact back to the root.
 //!
 //! All right-hand sides are products of series, so that their coefficients follow from recurrences, as in the plane
-//! ([`crate::elastica`]). The derivatives with respect to the load are the recurrences of the linearised equations. The products take
-//! nearly all of the time and are vectorised: the components of a director, and the derivatives by several parameters, are computed
-//! together. Their sums have the same order on every processor, and so have the same bits.
+//! ([`crate::elastica`]). The derivatives with respect to the load are the recurrences of the linearised equations. The products
+//! take nearly all of the time and are vectorised: the components of a director, and the derivatives with respect to several
+//! parameters, are computed together. Their sums have the same order on every processor, and so have the same bits.
 
 use std::ops::{AddAssign, Mul};
 
@@ -243,8 +243,8 @@ impl Expansion {
         Section { position: sum(&self.position, step_m), directors: Matrix3::from_columns(&columns) }
     }
 
-    /// Replaces the derivatives of the section at the centre of the expansion by parameters, one for each parameter, by those of the
-    /// section at `step_m`.
+    /// Replaces the derivatives of the section at the centre of the expansion, one for each parameter, with those of the section at
+    /// `step_m`.
     fn propagate(
         &self,
         rates: &mut [SectionRate],
@@ -258,7 +258,7 @@ impl Expansion {
         }
     }
 
-    /// As [`Self::propagate`]. Each lane contains the derivatives by one parameter.
+    /// As [`Self::propagate`]. Each lane contains the derivatives with respect to one parameter.
     #[inline(always)]
     fn propagate_by<S: Simd>(
         &self,
@@ -390,7 +390,7 @@ mod tests {
         let whisker = Whisker::curved();
         let (stretches, coefficient) = (Stretch::of(&whisker), 64.0 / (PI * whisker.youngs_modulus_pa));
         let force = Vector3::new(0.0, 4e-3, -3e-3);
-        // More than lanes.
+        // More parameters than lanes.
         let forces = [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(1.0, 2.0, -1.0)].map(Parameter::Force);
         let [x, y, z, mixed] = forces;
         let (section, rates) =

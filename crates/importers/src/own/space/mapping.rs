@@ -139,7 +139,12 @@ impl Keys for SpatialReading {
         validate_at_rest(path, key, self)?;
         let Some(response) = &self.counts_per_n_m else { return Ok(()) };
         if self.unit != Reading::Counts {
-            return Err(Error::value(path, format!("{key}.unit"), "a unit of moment", "`counts` for a response"));
+            return Err(Error::value(
+                path,
+                format!("{key}.unit"),
+                "a unit of moment",
+                "`counts`, since `counts_per_n_m` is stated",
+            ));
         }
         response.validate(path, key)
     }
@@ -199,7 +204,7 @@ impl Keys for SpatialContactColumns {
             place.validate(path, &format!("{key}.{name}"), FARTHEST_M)?;
         }
         if let Some(axis) = self.axis.filter(|_| self.axis().is_none()) {
-            return Err(Error::value(path, format!("{key}.axis"), format!("{axis:?}"), "a direction, not all zero"));
+            return Err(Error::value(path, format!("{key}.axis"), format!("{axis:?}"), "three numbers, not all zero"));
         }
         let Some(radius) = &self.radius else { return Ok(()) };
         let key = format!("{key}.radius");

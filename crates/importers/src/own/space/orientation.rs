@@ -13,7 +13,7 @@ use crate::own::series::{Series, table_error};
 use crate::own::units::Angle;
 
 /// Largest deviation of the norm of a recorded quaternion from 1.
-const UNIT: f64 = 0.01;
+const MOST_NORM_DEVIATION: f64 = 0.01;
 
 /// Smallest rotation of a single orientation from its neighbours that is a glitch.
 const GLITCH_RAD: f64 = 0.1;
@@ -84,9 +84,12 @@ impl Orientation {
             Self::RotationVector { x, y, z } => [("x", x), ("y", y), ("z", z)],
             Self::Quaternion { .. } => {
                 return match self.rotation(|_| 1.0) {
-                    Err(norm) if self.columns().is_empty() => {
-                        Err(Error::value(path, key, format!("a quaternion of norm {norm}"), "a unit quaternion"))
-                    }
+                    Err(norm) if self.columns().is_empty() => Err(Error::value(
+                        path,
+                        key,
+                        format!("a quaternion of norm {norm}"),
+                        format!("a norm of 1 within {MOST_NORM_DEVIATION}"),
+                    )),
                     _ => Ok(()),
                 };
             }
@@ -123,7 +126,8 @@ impl Orientation {
         for (i, line) in clock.places.iter().enumerate() {
             let value = |name: &str| columns.series(name).values[i].unwrap_or_default();
             let rotation = self.rotation(value).map_err(|norm| {
-                let expected = "a norm of 1; compare the columns of w, x, y and z".into();
+                let expected =
+                    format!("a norm of 1 within {MOST_NORM_DEVIATION}; compare the columns of w, x, y and z");
                 table_error(path, &names, *line, format!("a quaternion of norm {norm:.4}"), expected)
             })?;
             let is_opposite = samples.last().is_some_and(|last| last.coords.dot(&rotation.coords) < 0.0);
@@ -176,7 +180,7 @@ impl Orientation {
             Self::Quaternion { w, x, y, z } => {
                 let quaternion = Quaternion::new(component(w), component(x), component(y), component(z));
                 let norm = quaternion.norm();
-                let is_unit = (norm - 1.0).abs() <= UNIT;
+                let is_unit = (norm - 1.0).abs() <= MOST_NORM_DEVIATION;
                 if is_unit { Ok(UnitQuaternion::new_normalize(quaternion)) } else { Err(norm) }
             }
         }

@@ -116,7 +116,7 @@ impl<'a> Converted<'a> {
         let residual_counts = response.residual_counts(&pairs);
         let length_m = registered.length_m.max(BEYOND_CONTACT * outermost_m);
         let whisker = with_length(registered, length_m).unwrap_or_else(|| registered.clone());
-        let suspension = StatedSuspension::round(whisker.root_stiffness_n_m_rad);
+        let suspension = StatedSuspension::isotropic(whisker.root_stiffness_n_m_rad);
         Ok(Self { calibration, whisker, suspension, response, residual_counts, rest_counts, touch_counts })
     }
 

@@ -679,7 +679,8 @@ impl Method for OfSpace {
     ) -> anyhow::Result<Begun<Self>> {
         let noise_sd_n_m = prior.noise_sd_n_m.or(file.sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
             format!(
-                "noise_sd_n_m: found none, expected the standard deviation of the noise: {} has no sensor of recordings",
+                "noise_sd_n_m: found none, expected the standard deviation of the noise (N m), since the calibration {} has no \
+                 `sensor` that states it",
                 path.display()
             )
         })?;
@@ -687,7 +688,8 @@ impl Method for OfSpace {
         check_counts(prior.zeroing_s, prior.modulo)?;
         let for_counts = [("zeroing_s", prior.zeroing_s), ("modulo", prior.modulo)];
         if let Some((key, _)) = for_counts.iter().find(|(_, stated)| stated.is_some() && file.sensor.is_none()) {
-            bail!("{key}: found a setting of counts, expected none: {} has no sensor of recordings", path.display());
+            let path = path.display();
+            bail!("{key}: found a setting of counts, expected none, since the calibration {path} has no `sensor`");
         }
         let is_other = prior.whisker.as_ref().is_some_and(|stated| *stated != file.whisker)
             || prior.suspension.is_some_and(|stated| stated != file.suspension)
