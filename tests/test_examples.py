@@ -96,7 +96,7 @@ def test_the_stream_in_space_sends_the_counts_of_every_row() -> None:
 
 
 def test_the_stream_in_space_states_the_pose_of_the_root() -> None:
-    """The flange is turned by a right angle about +z, so that its y axis is -x: the whisker points there, tilted down by 30 degrees."""
+    """The flange is turned by a right angle about +z, so that its y axis is -x: the whisker points there, 30 degrees down."""
     half = math.sqrt(0.5)
     found = STREAM_IN_SPACE["base"]((0.4, 0.1, 0.3), (half, 0.0, 0.0, half))
     place = {"base_x_m": 0.41, "base_y_m": 0.13, "base_z_m": 0.35}

@@ -57,24 +57,31 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
         }
     }
     print(&table::render(&["whisker", "model", "held-out RMS", "held-out worst", "choice"], &rows, 2))?;
-    for SpatialFitted { calibration, .. } in &fitted {
-        let rms_n_m = calibration.model(None).map_or(0.0, |model| model.heldout_rms_n_m);
-        let share = rms_n_m / calibration.largest_reading_n_m;
-        if share > MOST_HELDOUT {
-            eprintln!(
-                "warning: whisker `{}`: found a held-out RMS of {:.0} % of the largest reading, expected at most {:.0} %: the contacts, \
-                 the poses or the parameters of the whisker may be wrong; run `whisker check`",
-                calibration.whisker.name,
-                100.0 * share,
-                100.0 * MOST_HELDOUT
-            );
-        }
-    }
+    fitted.iter().for_each(|whisker| print_remarks(&whisker.calibration));
     for whisker in &fitted {
         let state = if whisker.is_new { "" } else { " (up to date)" };
         print(&format!("{}{state}\n", whisker.path.display()))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints which directions are not calibrated, and whether the held-out error is implausible.
+fn print_remarks(calibration: &SpatialCalibrationFile) {
+    let (domain, whisker) = (&calibration.domain, &calibration.whisker.name);
+    let (calibrated, all) = (domain.calibrated_directions(), domain.directions);
+    if calibrated < all {
+        eprintln!(
+            "note: whisker `{whisker}`: contacts in {calibrated} of {all} directions about the whisker; the others are not calibrated"
+        );
+    }
+    let rms_n_m = calibration.model(None).map_or(0.0, |model| model.heldout_rms_n_m);
+    let [percent, most_percent] = [rms_n_m / calibration.largest_reading_n_m, MOST_HELDOUT].map(|share| 100.0 * share);
+    if percent > most_percent {
+        eprintln!(
+            "warning: whisker `{whisker}`: found a held-out RMS of {percent:.0} % of the largest reading, expected at most \
+             {most_percent:.0} %: the contacts, the poses or the parameters of the whisker may be wrong; run `whisker check`"
+        );
+    }
 }
 
 /// A trace in space as the input of an estimator.

@@ -139,6 +139,14 @@ impl SpatialDomain {
         at_node(node) + part * (at_node(node + 1) - at_node(node))
     }
 
+    /// Number of [`Self::directions`] with contacts at some node along the whisker.
+    pub fn calibrated_directions(&self) -> usize {
+        let has_contacts = |direction: &usize| {
+            self.away_m.iter().skip(*direction).step_by(self.directions).any(|away_m| *away_m > 0.0)
+        };
+        (0..self.directions).filter(has_contacts).count()
+    }
+
     /// Largest calibrated distance at a node along the whisker, in any direction.
     pub(crate) fn most_at_node_m(&self, node: usize) -> f64 {
         self.away_m[node * self.directions..][..self.directions].iter().copied().fold(0.0, f64::max)
@@ -223,5 +231,8 @@ mod tests {
         let domain = SpatialDomain::covering(&half, Across::Normal).unwrap();
         assert!(domain.contains(Around::new(0.045, 1e-3, 1e-3)));
         assert!(!domain.contains(Around::new(0.045, -1e-3, 0.0)));
+        assert!((domain.directions / 2..domain.directions).contains(&domain.calibrated_directions()), "{domain:?}");
+        let all = SpatialDomain::covering(&lines(), Across::Normal).unwrap();
+        assert_eq!(all.calibrated_directions(), all.directions);
     }
 }
