@@ -281,7 +281,7 @@ fn robust_a_learnt_mounting_is_a_setting_of_the_run_and_its_touch_is_named() {
     let path = mounted.join(fitted.path.file_name().unwrap());
     files::write_json(&path, &SpatialCalibrationFile { mounting, ..fitted.calibration }).unwrap();
     let message = run(Some(mounted.clone()), false).unwrap_err().to_string();
-    let words = "mounting: that of the calibrations there, learnt from press here";
+    let words = "mounting: that of the calibrations there, that of `curved` learnt from press (ab) here";
     assert!(message.contains(words) && message.contains("--force"), "{message}");
     assert_eq!(run(Some(mounted.clone()), true).unwrap().mounted, ["press"]);
     let again = run(Some(mounted), false).unwrap();

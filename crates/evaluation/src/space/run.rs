@@ -18,10 +18,12 @@ use testbed::space::files::{
 };
 use testbed::space::map::{SpatialMap, Sweep};
 use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
-use testbed::space::run::{SpatialRun, SpatialRunCalibration, SpatialRunTrial, SpatialRunWhisker, SweptSolid};
+use testbed::space::run::{
+    SpatialRun, SpatialRunCalibration, SpatialRunMounting, SpatialRunTrial, SpatialRunWhisker, SweptSolid,
+};
 use testbed::space::solid::Solid;
 use testbed::statistics;
-use trace::{Role, SpatialSidecar};
+use trace::{LearntMounting, Role, SpatialSidecar};
 
 use super::evaluate::{Calibrations, SpatialEvaluateSettings, SpatialEvaluated, evaluate_keeping};
 use super::participant::described;
@@ -48,8 +50,11 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
             whisker: whisker.clone(),
             model: file.chosen.clone(),
             sha256,
-            heldout_rms_n_m: file.model(None).map(|model| model.heldout_rms_n_m).unwrap_or_default(),
-            mounted: file.mounting.as_ref().map(|mounting| mounting.traces.clone()).unwrap_or_default(),
+            heldout_rms_n_m: file.model(None).map(|model| model.heldout_rms_n_m),
+            mounting: file.mounting.as_ref().map(|LearntMounting { traces, data_sha256, .. }| SpatialRunMounting {
+                traces: traces.clone(),
+                data_sha256: data_sha256.clone(),
+            }),
         });
         sensors.extend(front_end.sensor(path, file)?.cloned());
     }
@@ -104,7 +109,7 @@ fn differences(old: &SpatialRun, new: &SpatialRun) -> Vec<String> {
         difference("noise", &old.noise.to_string(), &new.noise.to_string()),
         difference("seeds", &seeds(&old.seeds), &seeds(&new.seeds)),
         difference("front end", &front_end(old), &front_end(new)),
-        difference("mounting", &mounted(old), &mounted(new)),
+        difference("mounting", &mountings(old), &mountings(new)),
         of_lists("estimators", names(old), names(new)),
         of_lists("traces", traces(old), traces(new)),
     ];
@@ -117,10 +122,15 @@ fn front_end(run: &SpatialRun) -> String {
     run.front_end.as_ref().map_or_else(|| SPATIAL_FRONT_ENDS[0].name.into(), |of| format!("{} {}", of.name, of.config))
 }
 
-/// Traces from which the mountings of a run were learnt, for messages.
-fn mounted(run: &SpatialRun) -> String {
-    let traces: Vec<&str> = run.calibrations.iter().flat_map(|of| &of.mounted).map(String::as_str).collect();
-    if traces.is_empty() { "that of the calibrations".into() } else { format!("learnt from {}", traces.join(", ")) }
+/// Mountings of a run, for messages: for each whisker with a learnt mounting, the traces from which it was learnt and the first digits of
+/// the hash of their data.
+fn mountings(run: &SpatialRun) -> String {
+    let learnt = run.calibrations.iter().filter_map(|of| Some((&of.whisker, of.mounting.as_ref()?)));
+    let learnt = learnt.map(|(whisker, SpatialRunMounting { traces, data_sha256 })| {
+        format!("that of `{whisker}` learnt from {} ({data_sha256:.8})", traces.join(", "))
+    });
+    let learnt: Vec<String> = learnt.collect();
+    if learnt.is_empty() { "that of the calibrations".into() } else { learnt.join("; ") }
 }
 
 /// Writes the maps of a run from its tables of estimates, one of each solid by each estimator, and their scores.
@@ -176,7 +186,7 @@ pub struct SpatialWritten {
     pub failures: Vec<FailureRow>,
     /// Names of the trials from which a mounting was learnt.
     pub mounted: Vec<String>,
-    /// Names of the trials without a known contact in the calibrated domain.
+    /// Names of the trials without a known contact in the calibrated domain a second after a touch or later.
     pub unscored: Vec<String>,
     /// Whether it was evaluated. `false` if it was found up to date.
     pub is_new: bool,
@@ -200,7 +210,7 @@ pub fn evaluate_into(
     restore(folder)?;
     ResultsKind::SpatialRun.check_may_replace(folder)?;
     let (run, calibrations) = described_run(dataset, settings)?;
-    let is_mounted = |trace: &&String| run.calibrations.iter().any(|of| of.mounted.contains(trace));
+    let is_mounted = |trace: &&String| run.mountings().any(|mounting| mounting.traces.contains(trace));
     let mounted: Vec<String> = run.trials.iter().map(|trial| &trial.trace).filter(is_mounted).cloned().collect();
     if let Some(old) = SpatialRun::read(folder).transpose() {
         if old.as_ref().is_ok_and(|old| old.watermark.inputs_sha256 == run.watermark.inputs_sha256)

@@ -331,7 +331,7 @@ impl<G: Geometry> Mapping<G> {
     }
 }
 
-/// Checks what is stated about the readings of the free whisker: each number of it must not be negative, except for `rest`.
+/// Checks the stated readings of the free whisker and their noise: no number may be negative, except for `rest`.
 pub(crate) fn validate_at_rest(path: &Path, key: &str, reading: &impl Channels) -> Result<(), Error> {
     let key = |name: &str| format!("{key}.{name}");
     let stated: Vec<StatedAtRest> = (0..reading.columns().len()).map(|channel| reading.stated(channel)).collect();

@@ -1,8 +1,8 @@
 //! Recordings of any laboratory: columns of a CSV, or fields of ROS 2 messages, by a mapping file.
 //!
 //! [`mapping`] names the columns with their units, signs and frames; [`columns`] and [`topics`] read them as [`series`]
-//! over time, which [`recording`] resamples to equal intervals. What differs between recordings in the plane and in space
-//! is a [`Geometry`]: the keys of pose, reading and contact, the conversion of the readings to moments, and the trace. The
+//! over time, which [`recording`] resamples to equal intervals. The differences between recordings in the plane and in space
+//! are those of a [`Geometry`]: the keys of pose, reading and contact, the conversion of the readings to moments, and the trace. The
 //! contact on the centre line follows from the axis and the radius of the pin that was touched. `docs/own-data.md`
 //! specifies the mapping.
 
@@ -32,7 +32,7 @@ use self::space::Space;
 use self::units::Length;
 use crate::{Imported, Progress};
 
-/// What differs between recordings in the plane and in space.
+/// Differences between recordings in the plane and in space.
 pub(crate) trait Geometry: Clone + Debug {
     /// Format of the mapping and of the traces.
     const FORMAT: u32;

@@ -261,11 +261,12 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         }
     }
 
-    /// Hash of everything that determines the trace, with the response of the sensor.
-    pub(super) fn inputs_sha256(&self, laboratory: &Laboratory<'_, G>, response: &str) -> String {
+    /// Hash of everything that determines the trace, with the response of the sensor and the distance from rest beyond which the
+    /// whisker touches.
+    pub(super) fn inputs_sha256(&self, laboratory: &Laboratory<'_, G>, response: &str, touch: f64) -> String {
         let mapping = serde_json::to_vec(laboratory.mapping).expect("a mapping serialises");
         let mut inputs = Digest::default();
-        inputs.add(&self.sha256).add(mapping).add(response).add(source_sha256());
+        inputs.add(&self.sha256).add(mapping).add(response).add(format!("{touch} {}", self.most)).add(source_sha256());
         inputs.finish()
     }
 }

@@ -51,10 +51,20 @@ pub struct SpatialRunCalibration {
     /// SHA-256 of the calibration file.
     pub sha256: String,
     /// Root mean square residual of a moment on held-out lines.
-    pub heldout_rms_n_m: f64,
-    /// Names of the traces from which the mounting was learnt. Empty if it is that of the calibration.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub mounted: Vec<String>,
+    pub heldout_rms_n_m: Option<f64>,
+    /// The learnt mounting. `None` if it is that of the calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<SpatialRunMounting>,
+}
+
+/// A learnt mounting of a run in space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialRunMounting {
+    /// Names of the traces from which it was learnt.
+    pub traces: Vec<String>,
+    /// Hash over the hashes of these traces.
+    pub data_sha256: String,
 }
 
 /// Description of a run in space, `space_run.json`.
@@ -82,6 +92,11 @@ pub struct SpatialRun {
 }
 
 impl SpatialRun {
+    /// The learnt mountings.
+    pub fn mountings(&self) -> impl Iterator<Item = &SpatialRunMounting> {
+        self.calibrations.iter().filter_map(|calibration| calibration.mounting.as_ref())
+    }
+
     /// Reads the description of the run in a folder. `None` if the folder holds no run in space.
     ///
     /// # Errors

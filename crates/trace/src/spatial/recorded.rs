@@ -7,7 +7,7 @@ use files::Error;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::ObjectClass;
+use crate::{LARGEST, ObjectClass};
 
 /// Smallest ratio of the singular values of the response with which both moments are determined.
 const LEAST_DETERMINED: f64 = 1e-3;
@@ -114,8 +114,9 @@ pub struct BendingSensor {
 impl BendingSensor {
     pub(super) fn validate(&self, path: &Path, key: &str) -> Result<(), Error> {
         self.counts_per_n_m.validate(path, key)?;
-        if !(self.noise_sd_n_m.is_finite() && self.noise_sd_n_m >= 0.0) {
-            return Err(Error::value(path, format!("{key}.noise_sd_n_m"), self.noise_sd_n_m, "a number of 0 or more"));
+        if !(0.0..=LARGEST).contains(&self.noise_sd_n_m) {
+            let key = format!("{key}.noise_sd_n_m");
+            return Err(Error::value(path, key, self.noise_sd_n_m, format!("a number from 0 to {LARGEST}")));
         }
         Ok(())
     }

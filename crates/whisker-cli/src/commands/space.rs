@@ -74,9 +74,10 @@ fn print_remarks(calibration: &SpatialCalibrationFile) {
             "note: whisker `{whisker}`: contacts in {calibrated} of {all} directions about the whisker; the others are not calibrated"
         );
     }
-    let rms_n_m = calibration.model(None).map_or(0.0, |model| model.heldout_rms_n_m);
-    let [percent, most_percent] = [rms_n_m / calibration.largest_reading_n_m, MOST_HELDOUT].map(|share| 100.0 * share);
-    if percent > most_percent {
+    let Some(model) = calibration.model(None) else { return };
+    let share = model.heldout_rms_n_m / calibration.largest_reading_n_m;
+    if share > MOST_HELDOUT {
+        let [percent, most_percent] = [share, MOST_HELDOUT].map(|share| 100.0 * share);
         eprintln!(
             "warning: whisker `{whisker}`: found a held-out RMS of {percent:.0} % of the largest reading, expected at most \
              {most_percent:.0} %: the contacts, the poses or the parameters of the whisker may be wrong; run `whisker check`"
@@ -255,7 +256,9 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     }
     if !written.unscored.is_empty() {
         let names = written.unscored.join(", ");
-        eprintln!("note: not scored, since no known contact lies in the calibrated domain: {names}");
+        eprintln!(
+            "note: not scored, since no known contact lies in the calibrated domain a second after a touch or later: {names}"
+        );
     }
     for SpatialTimesRow { estimator, mean_us, p99_us, .. } in written.times.iter().filter(|_| written.is_new) {
         match mean_us.zip(*p99_us) {

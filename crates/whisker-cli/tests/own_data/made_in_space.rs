@@ -56,7 +56,7 @@ impl Noise {
     }
 }
 
-/// What a row shall be.
+/// Contact and pose of a row.
 #[derive(Clone, Copy, Debug)]
 struct Wish {
     /// Arc length of the contact.

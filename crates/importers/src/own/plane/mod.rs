@@ -220,7 +220,7 @@ fn sidecar(laboratory: &Laboratory<'_, Plane>, sensor: &Sensor, recording: &Samp
         whisker: laboratory.whisker.clone(),
         scene: serde_json::Value::Null,
         generator: generator(laboratory.format, source_sha256()),
-        inputs_sha256: recording.inputs_sha256(laboratory, &format!("{coefficients:?}")),
+        inputs_sha256: recording.inputs_sha256(laboratory, &format!("{coefficients:?}"), sensor.touch),
         csv_sha256: String::new(),
         contour: None,
         certificate: None,

@@ -1,5 +1,6 @@
 //! Keys of a mapping in space.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use files::Error;
@@ -12,6 +13,9 @@ use crate::own::PoseKeys;
 use crate::own::mapping::{Channels, Keys, Moving, StatedAtRest, validate_at_rest};
 use crate::own::quantity::{Quantity, check_sign, positive};
 use crate::own::units::{Length, Reading};
+
+/// Sizes of the largest component of the direction of a pin.
+const AXES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Columns of the pose.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -186,7 +190,8 @@ pub(crate) struct SpatialContactColumns {
 
 impl SpatialContactColumns {
     pub(super) fn axis(&self) -> Option<Unit<Vector3<f64>>> {
-        self.axis.and_then(|axis| Unit::try_new(Vector3::from(axis), f64::MIN_POSITIVE))
+        let axis = Vector3::from(self.axis?);
+        AXES.contains(&axis.amax()).then(|| Unit::new_normalize(axis))
     }
 
     pub(super) fn radius_m(&self) -> Option<f64> {
@@ -204,7 +209,12 @@ impl Keys for SpatialContactColumns {
             place.validate(path, &format!("{key}.{name}"), FARTHEST_M)?;
         }
         if let Some(axis) = self.axis.filter(|_| self.axis().is_none()) {
-            return Err(Error::value(path, format!("{key}.axis"), format!("{axis:?}"), "three numbers, not all zero"));
+            return Err(Error::value(
+                path,
+                format!("{key}.axis"),
+                format!("{axis:?}"),
+                format!("three numbers, the largest of a size of {:e} to {:e}", AXES.start(), AXES.end()),
+            ));
         }
         let Some(radius) = &self.radius else { return Ok(()) };
         let key = format!("{key}.radius");

@@ -37,8 +37,8 @@ pub(crate) struct SpatialSensor {
     touch: f64,
     response: BendingResponse,
     residual_counts: Vector2<f64>,
-    /// Size of these residuals relative to that of the readings. `None` if the response is stated.
-    residual: Option<f64>,
+    /// Remark about the fit of the response. `None` if the response is stated.
+    remark: Option<String>,
 }
 
 impl Geometry for Space {
@@ -123,23 +123,20 @@ impl Geometry for Space {
             (unit, _) => BendingResponse::new(signs / unit.si()),
         };
         if let Some(response) = stated {
-            let (residual_counts, residual) = (Vector2::zeros(), None);
-            return Ok(SpatialSensor { mechanics, touch, response, residual_counts, residual });
+            return Ok(SpatialSensor { mechanics, touch, response, residual_counts: Vector2::zeros(), remark: None });
         }
         let calibration: Vec<_> =
             sampled.iter().filter(|recording| recording.entry.role == Role::Calibration).collect();
         let fit = |response: Option<&BendingResponse>| Fitted::new(path, &calibration, &mechanics, touch, response);
         // Without a response, the side of the pin is that of `side_of_axis`. With a response, it is the side that agrees with the
         // readings. Both may differ in light touches.
-        let Fitted { response, residual_counts, residual } = fit(Some(&fit(None)?.response))?;
-        Ok(SpatialSensor { mechanics, touch, response, residual_counts, residual: Some(residual) })
+        let fitted = fit(Some(&fit(None)?.response))?;
+        let (Fitted { response, residual_counts, .. }, remark) = (fitted, Some(fitted.remark()));
+        Ok(SpatialSensor { mechanics, touch, response, residual_counts, remark })
     }
 
     fn remark(sensor: &SpatialSensor) -> Option<String> {
-        let percent = 100.0 * sensor.residual?;
-        Some(format!(
-            "the readings of the calibration deviate by {percent:.1} % (RMS) from those of the rod through the known contacts"
-        ))
+        sensor.remark.clone()
     }
 
     fn add_trace(
@@ -214,7 +211,7 @@ fn sidecar(
         poisson_ratio: poisson_ratio(laboratory),
         scene: serde_json::Value::Null,
         generator: generator(laboratory.format, source_sha256()),
-        inputs_sha256: recording.inputs_sha256(laboratory, &format!("{:?}", response.counts_per_n_m)),
+        inputs_sha256: recording.inputs_sha256(laboratory, &format!("{:?}", response.counts_per_n_m), *touch),
         csv_sha256: String::new(),
         certificate: None,
         recorded: Some(SpatialRecorded {

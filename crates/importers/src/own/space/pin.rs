@@ -15,7 +15,7 @@ use whisker::rod::{Rod, SpatialContact};
 const ITERATIONS: usize = 30;
 
 /// Change of the contact that ends the iterations (m).
-const TOLERANCE_M: f64 = 1e-8;
+const TOLERANCE_M: f64 = 1e-9;
 
 /// Largest step along a pin, relative to the length of the whisker.
 const MOST_STEP: f64 = 0.1;
@@ -124,14 +124,17 @@ impl Mechanics {
             let across = directors.column(0).cross(&pin.axis) * side.sign();
             let next = Unit::try_new(across, LEAST_ACROSS)?;
             let force_n = contact.deflection.force_n.dot(&pin.axis);
-            let by_secant =
-                last.and_then(|(m, n)| Some((along_m - m) / (force_n - n)).filter(|slope| slope.is_finite()));
-            let step_m = self.limited(-force_n * by_secant.unwrap_or_else(|| compliance_m_n(pin, &contact)))?;
-            last = Some((along_m, force_n));
+            let approximate_m_n = compliance_m_n(pin, &contact);
+            // At a place with a negative compliance the whisker would slide away.
+            let by_secant = last.map(|(last_m, last_n)| (along_m - last_m) / (force_n - last_n));
+            let by_secant = by_secant.filter(|slope_m_n| slope_m_n.is_finite() && *slope_m_n > 0.0);
+            let step_m = self.limited(-force_n * by_secant.unwrap_or(approximate_m_n))?;
+            last = normal.map(|_| (along_m, force_n));
+            let off_m = (force_n * approximate_m_n).abs();
             let turned_m =
                 (next.into_inner() - normal.map_or_else(Vector3::zeros, Unit::into_inner)).norm() * distance_m;
             let moved_m = (contact.load.arc_m - arc_m).abs();
-            if normal.is_some() && step_m.abs().max(turned_m).max(moved_m) < TOLERANCE_M {
+            if normal.is_some() && step_m.abs().max(off_m).max(turned_m).max(moved_m) < TOLERANCE_M {
                 let pushes = contact.deflection.force_n.dot(&next) > 0.0;
                 let moment_n_m = contact.deflection.moment_n_m.yz();
                 return pushes.then_some(PinContact { point, moment_n_m, place });

@@ -16,12 +16,16 @@ use crate::own::rest::check_known_contacts;
 const KEY: &str = "reading.counts_per_n_m";
 
 /// A response, and the readings that it does not explain.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Fitted {
     pub(super) response: BendingResponse,
     /// RMS residual of each channel, 2x1.
     pub(super) residual_counts: Vector2<f64>,
     /// Size of the residuals relative to that of the readings (RMS).
     pub(super) residual: f64,
+    /// Number of contacts of the calibration, and of those to which the whisker does not reach.
+    pub(super) contacts: usize,
+    pub(super) unreached: usize,
 }
 
 impl Fitted {
@@ -57,6 +61,18 @@ impl Fitted {
         let residual_counts = response.residual_counts(&pairs);
         let squares: f64 = pairs.iter().map(|(_, counts)| counts.norm_squared()).sum();
         let residual = residual_counts.norm() / (squares / pairs.len() as f64).sqrt();
-        Ok(Self { response, residual_counts, residual })
+        Ok(Self { response, residual_counts, residual, contacts, unreached: contacts - pairs.len() })
+    }
+
+    /// Remark about the agreement of the calibration with the mechanics of the whisker.
+    pub(super) fn remark(&self) -> String {
+        let percent = 100.0 * self.residual;
+        let unreached = match (self.unreached, self.contacts) {
+            (0, _) => String::new(),
+            (unreached, all) => format!("; the whisker does not reach {unreached} of {all} contacts"),
+        };
+        format!(
+            "the readings of the calibration deviate by {percent:.1} % (RMS) from those of the rod through the known contacts{unreached}"
+        )
     }
 }

@@ -459,7 +459,7 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow:
     Ok(())
 }
 
-/// Checks what the first lines of both protocols state about counts.
+/// Checks the settings of counts in the first lines of both protocols.
 fn check_counts(zeroing_s: Option<f64>, modulo: Option<f64>) -> anyhow::Result<()> {
     for (key, found, [least, most]) in [("zeroing_s", zeroing_s, ZEROINGS_S), ("modulo", modulo, MODULI)] {
         if let Some(found) = found.filter(|found| !(least..=most).contains(found)) {

@@ -154,9 +154,11 @@ impl<const C: usize> Table<C> {
             }
         };
         thread::scope(|scope| {
-            for _ in 0..thread::available_parallelism().map_or(1, usize::from).min(NODES[0]) {
-                scope.spawn(work);
+            for _ in 1..thread::available_parallelism().map_or(1, usize::from).min(NODES[0]) {
+                // Without a further thread, this one does the work.
+                let _ = thread::Builder::new().spawn_scoped(scope, work);
             }
+            work();
         });
         let nodes = slices.into_iter().collect::<Option<Vec<_>>>()?.concat();
         Some(Self { grid, nodes })
