@@ -1,12 +1,13 @@
 //! From the recordings of a laboratory to estimates: import, check, fit, replay and evaluation of the example.
 
+#[path = "own_data/laboratory.rs"]
+mod laboratory;
 #[path = "own_data/made.rs"]
 mod made;
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
 
 use bag::messages::{
     Header, MagneticField, Point as RosPoint, Pose as RosPose, PoseStamped, Quaternion, Time, Vector3,
@@ -15,28 +16,10 @@ use bag::{Publisher, Writer};
 use serde_json::{Value, json};
 use trace::{CalibrationFile, Recorded, SensorFile, Sidecar, Trace};
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
+use laboratory::{assert_fails, assert_stored, copied, good, lived, root, text, whisker};
 
 fn example() -> PathBuf {
     root().join("examples/own-data")
-}
-
-fn whisker(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
-}
-
-/// Runs a command that must succeed. Returns stdout and stderr.
-fn good(arguments: &[&str]) -> (String, String) {
-    let output = whisker(arguments);
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments:?} ended with {:?}: {errors}", output.status);
-    (String::from_utf8(output.stdout).unwrap(), errors)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 /// Numbers of a column of a table; rows with an empty field are left out.
@@ -48,11 +31,7 @@ fn column(path: &Path, name: &str) -> Vec<f64> {
 
 /// Copy of the example with a changed mapping.
 fn changed(change: impl FnOnce(String) -> String) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for entry in fs::read_dir(example()).unwrap() {
-        let path = entry.unwrap().path();
-        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
-    }
+    let folder = copied(&example());
     let mapping = folder.path().join("import.json");
     fs::write(&mapping, change(fs::read_to_string(&mapping).unwrap())).unwrap();
     folder
@@ -67,14 +46,7 @@ fn imported(folder: &Path) -> (PathBuf, Output) {
 
 /// Asserts that the import of a folder fails with a single error that contains every one of `words`.
 fn fails_on(folder: &Path, words: &[&str]) {
-    let (_, output) = imported(folder);
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
-    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
-    let [failure] = failures[..] else { panic!("printed: {errors}") };
-    for word in words {
-        assert!(failure.contains(word), "does not contain `{word}`: {failure}");
-    }
+    assert_fails(imported(folder).1, words);
 }
 
 fn fails(change: impl FnOnce(String) -> String, words: &[&str]) {
@@ -92,17 +64,7 @@ fn write_example() {
 #[test]
 fn regress_example_is_that_of_the_elastica() {
     for (name, rows) in made::recordings() {
-        let stored = fs::read_to_string(example().join(format!("{name}.csv"))).unwrap();
-        let made = made::csv(&rows);
-        assert_eq!(stored.lines().count(), made.lines().count(), "{name}");
-        for (stored, made) in stored.lines().zip(made.lines()).skip(1) {
-            let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
-            // The last digit may differ with the C library.
-            assert!(
-                cells(stored).iter().zip(cells(made)).all(|(a, b)| (a - b).abs() <= 1.0),
-                "{name}: {stored} {made}"
-            );
-        }
+        assert_stored(&example().join(format!("{name}.csv")), &made::csv(&rows));
     }
 }
 
@@ -195,22 +157,6 @@ fn verif_a_topic_whose_name_begins_with_that_of_an_earlier_one() {
     assert_eq!(moments("/flange/hall"), moments("/magnetometer"));
 }
 
-/// Answers of `whisker live` with this calibration to lines on stdin.
-fn lived(calibration: &Path, lines: &[Value]) -> Vec<Value> {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
-    command.args(["live", "--calibration", text(calibration), "--estimator", "ekf"]);
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let input: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    let writes = std::thread::spawn(move || stdin.write_all(input.as_bytes()).unwrap());
-    let output = child.wait_with_output().unwrap();
-    writes.join().unwrap();
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{errors}");
-    let answers = String::from_utf8(output.stdout).unwrap();
-    answers.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
 #[test]
 fn verif_live_counts_have_the_contacts_of_their_moments() {
     let (work, mapping) = (tempfile::tempdir().unwrap(), example().join("import.json"));
@@ -249,7 +195,7 @@ fn verif_live_counts_have_the_contacts_of_their_moments() {
     };
     let mut of_counts = vec![json!({"protocol": 1, "rate_hz": 100, "zeroing_s": 0.3})];
     of_counts.extend(rows.iter().map(|(_, pose, counts)| with(pose, "counts", *counts)));
-    let answers = lived(&calibration, &of_counts);
+    let answers = lived(&calibration, "ekf", &of_counts);
     assert_eq!(answers.len(), rows.len());
     let (zeroing, answers) =
         answers.split_at(answers.iter().take_while(|answer| answer["status"] == "zeroing").count());
@@ -265,7 +211,7 @@ fn verif_live_counts_have_the_contacts_of_their_moments() {
             .iter()
             .map(|(_, pose, counts)| with(pose, "reading_n_m", sensor.characteristic.moment_n_m(counts - zero))),
     );
-    assert_eq!(answers, lived(&calibration, &of_moments));
+    assert_eq!(answers, lived(&calibration, "ekf", &of_moments));
     assert!(answers.iter().filter(|answer| answer["contact_x_m"].is_f64()).count() > 100);
 }
 

@@ -1,12 +1,12 @@
 //! From recordings in space to estimates: import, check, fit, replay and evaluation of the example.
 
+#[path = "own_data/laboratory.rs"]
+mod laboratory;
 #[path = "own_data/made_in_space.rs"]
 mod made;
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
 
 use bag::messages::{Header, MagneticField, Point, Pose, PoseStamped, Quaternion, Time, Vector3 as RosVector3};
 use bag::{Publisher, Writer};
@@ -14,33 +14,15 @@ use nalgebra::{Isometry3, Matrix2, Quaternion as Rotation, UnitQuaternion, Vecto
 use serde_json::{Value, json};
 use trace::{SpatialCalibrationFile, SpatialInstant, SpatialSidecar, SpatialTrace};
 
+use laboratory::{assert_fails, assert_stored, copied, good, live, lived, root, text, whisker};
+
 fn example() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data-space")
-}
-
-fn whisker(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
-}
-
-/// Runs a command that must succeed. Returns stdout and stderr.
-fn good(arguments: &[&str]) -> (String, String) {
-    let output = whisker(arguments);
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments:?} ended with {:?}: {errors}", output.status);
-    (String::from_utf8(output.stdout).unwrap(), errors)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
+    root().join("examples/own-data-space")
 }
 
 /// Copy of the example with another mapping.
 fn changed(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for entry in fs::read_dir(example()).unwrap() {
-        let path = entry.unwrap().path();
-        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
-    }
+    let folder = copied(&example());
     let path = folder.path().join("import.json");
     let mut mapping = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     change(&mut mapping);
@@ -71,13 +53,7 @@ fn imported(folder: &tempfile::TempDir) -> PathBuf {
 fn fails(folder: &tempfile::TempDir, words: &[&str]) {
     let out = folder.path().join("traces");
     let output = whisker(&["import", "csv", text(&folder.path().join("import.json")), "--space", "--out", text(&out)]);
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
-    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
-    let [failure] = failures[..] else { panic!("printed: {errors}") };
-    for word in words {
-        assert!(failure.contains(word), "does not contain `{word}`: {failure}");
-    }
+    assert_fails(output, words);
 }
 
 /// Angles of a rotation, as a robot states them.
@@ -98,17 +74,7 @@ fn write_example() {
 #[test]
 fn regress_the_example_is_that_of_the_rod() {
     for (name, rows) in made::recordings() {
-        let stored = fs::read_to_string(example().join(format!("{name}.csv"))).unwrap();
-        let made = made::csv(&rows);
-        assert_eq!(stored.lines().count(), made.lines().count(), "{name}");
-        for (stored, made) in stored.lines().zip(made.lines()).skip(1) {
-            let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
-            // The last digit may differ with the C library.
-            assert!(
-                cells(stored).iter().zip(cells(made)).all(|(a, b)| (a - b).abs() <= 1.0),
-                "{name}: {stored} {made}"
-            );
-        }
+        assert_stored(&example().join(format!("{name}.csv")), &made::csv(&rows));
     }
 }
 
@@ -161,22 +127,6 @@ fn verif_own_csv_in_space_gives_accurate_contacts() {
     assert!(rmse_m.len() == 1 && rmse_m[0] < 0.3e-3, "{rmse_m:?}");
 }
 
-/// Answers of `whisker live` with this calibration to lines on stdin.
-fn lived(calibration: &Path, lines: &[Value]) -> Vec<Value> {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_whisker"));
-    command.args(["live", "--calibration", text(calibration), "--estimator", "point"]);
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let input: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    let writes = std::thread::spawn(move || stdin.write_all(input.as_bytes()).unwrap());
-    let output = child.wait_with_output().unwrap();
-    writes.join().unwrap();
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{errors}");
-    let answers = String::from_utf8(output.stdout).unwrap();
-    answers.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
 #[test]
 fn verif_live_counts_in_space_have_the_contacts_of_their_moments() {
     let folder = changed(|_| {});
@@ -211,7 +161,7 @@ fn verif_live_counts_in_space_have_the_contacts_of_their_moments() {
         line["counts"] = json!([counts.x, counts.y]);
         line
     }));
-    let answers = lived(&calibration, &of_counts);
+    let answers = lived(&calibration, "point", &of_counts);
     assert_eq!(answers.len(), rows.len());
     let zeroing = answers.iter().take_while(|answer| answer["status"] == "zeroing").count();
     assert_eq!(zeroing, 31);
@@ -225,7 +175,7 @@ fn verif_live_counts_in_space_have_the_contacts_of_their_moments() {
         (line["moment_y_n_m"], line["moment_z_n_m"]) = (moment_n_m.x.into(), moment_n_m.y.into());
         line
     }));
-    assert_eq!(answers[zeroing..], lived(&calibration, &of_moments));
+    assert_eq!(answers[zeroing..], lived(&calibration, "point", &of_moments));
     assert!(answers.iter().filter(|answer| answer["contact_x_m"].is_f64()).count() > 100);
 }
 
@@ -243,17 +193,11 @@ fn robust_recordings_in_space_that_state_different_responses_give_no_sensor() {
     let words = "calibration_3: recorded.counts_per_n_m: found [[30000000.0, 0.0], [0.0, 30000000.0]], expected [[";
     assert!(notes.contains("no sensor") && notes.contains(words), "{notes}");
     // Without a sensor neither noise nor counts are known.
-    let refused = |lines: &str| {
-        let mut live = Command::new(env!("CARGO_BIN_EXE_whisker"));
-        live.args(["live", "--calibration", text(&calibration), "--estimator", "point"]);
-        let mut child = live.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-        child.stdin.take().unwrap().write_all(lines.as_bytes()).unwrap();
-        String::from_utf8(child.wait_with_output().unwrap().stderr).unwrap()
-    };
-    let errors = refused("{\"protocol\": 2, \"rate_hz\": 100}\n");
+    let refused = |lines: &[Value]| String::from_utf8(live(&calibration, "point", lines).stderr).unwrap();
+    let errors = refused(&[json!({"protocol": 2, "rate_hz": 100})]);
     assert!(errors.contains("line 1: noise_sd_n_m: found none, expected the standard deviation"), "{errors}");
     let first = json!({"protocol": 2, "rate_hz": 100, "noise_sd_n_m": 1e-7});
-    let errors = refused(&format!("{first}\n{}\n", json!({"t_s": 0, "counts": [1, 2]})));
+    let errors = refused(&[first, json!({"t_s": 0, "counts": [1, 2]})]);
     assert!(errors.contains("counts: found those of a whisker whose calibration"), "{errors}");
 }
 

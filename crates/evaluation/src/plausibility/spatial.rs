@@ -130,7 +130,6 @@ fn compared(
 /// Bounds the speed of the base, the steps of its position and its travel during one touch.
 fn travel(trace: &SpatialTrace) -> Option<Finding> {
     let threshold_n_m = TOUCHING * largest_bending(trace);
-    let bending = |instant: &SpatialInstant| Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m);
     let travel = |pair: &[SpatialInstant]| {
         let (before, now) = (bending(&pair[0]), bending(&pair[1]));
         let pressing = before.norm().min(now.norm()) > threshold_n_m;
@@ -185,6 +184,11 @@ fn strength(trace: &SpatialTrace) -> Option<Finding> {
     let suspension = trace.sidecar.suspension;
     let stiffness_n_m_rad = suspension.yaw_n_m_rad.max(suspension.pitch_n_m_rad);
     withstood("moment_y_n_m, moment_z_n_m", largest_bending(trace), &trace.sidecar.whisker, stiffness_n_m_rad)
+}
+
+/// Bending moments about y and z (N m), 2x1.
+fn bending(instant: &SpatialInstant) -> Vector2<f64> {
+    Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m)
 }
 
 /// Largest bending moment of a trace without single outliers.
@@ -252,7 +256,6 @@ fn mechanics(trace: &SpatialTrace) -> Option<Finding> {
     }
     let rod = trace.sidecar.rod().ok()?;
     let least_n_m = LOADED * largest_bending(trace);
-    let bending = |instant: &SpatialInstant| Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m);
     let is_split = |truth: &SpatialTruthInstant| truth.contact.is_some_and(|contact| contact.split);
     let known: Vec<(Vector2<f64>, Vector3<f64>)> = (trace.recording.instants.iter().zip(&trace.truth.instants))
         .filter(|(instant, truth)| bending(instant).norm() > least_n_m && !is_split(truth))
