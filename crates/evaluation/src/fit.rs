@@ -226,10 +226,9 @@ impl WhiskerFit<'_> {
         let (front_end, readings_n_m) = self.read(noise)?;
         let (faces, left_out) = self.faces(&readings_n_m)?;
         let traces = self.traces.iter().map(|trace| trace.sidecar.name.clone()).collect();
-        let (sensor, no_sensor) = match is_recorded.then(|| self.recorded_sensor()) {
-            Some(Ok(sensor)) => (Some(sensor), None),
-            Some(Err(reason)) => (None, Some(format!("whisker `{}`: {reason}", whisker.name))),
-            None => (None, None),
+        let (sensor, no_sensor) = match is_recorded.then(|| self.recorded_sensor()).transpose() {
+            Ok(sensor) => (sensor, None),
+            Err(reason) => (None, Some(format!("whisker `{}`: {reason}", whisker.name))),
         };
         let data =
             FittedData { noise_fraction: noise, seed: self.settings.seed, front_end, sensor, data_sha256, traces };

@@ -263,6 +263,10 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
         let mean = |score: fn(&SpatialTrialRow) -> Option<f64>| {
             statistics::mean(trials.iter().filter_map(|trial| score(trial)))
         };
+        let rms = |score: fn(&SpatialTrialRow) -> Option<f64>| {
+            let scores = trials.iter().filter_map(|trial| score(trial));
+            statistics::mean(scores.map(|score| score * score)).map(f64::sqrt)
+        };
         let nees: Vec<f64> = trials.iter().filter_map(|trial| trial.nees).collect();
         let degrees = 3.0 * nees.len().max(1) as f64;
         let chi_squared = ChiSquared::new(degrees)?;
@@ -275,21 +279,21 @@ fn summary(trials: &[SpatialTrialRow]) -> anyhow::Result<Vec<SpatialSummaryRow>>
             estimator: estimator.into(),
             trials: trials.len(),
             answered: mean(|trial| trial.answered),
-            rmse_m: mean(|trial| trial.rmse_m.map(|error| error * error)).map(f64::sqrt),
-            out_of_plane_m: mean(|trial| trial.out_of_plane_m.map(|error| error * error)).map(f64::sqrt),
-            bound_m: mean(|trial| trial.bound_m.map(|bound| bound * bound)).map(f64::sqrt),
-            object_bound_m: mean(|trial| trial.object_bound_m.map(|bound| bound * bound)).map(f64::sqrt),
+            rmse_m: rms(|trial| trial.rmse_m),
+            out_of_plane_m: rms(|trial| trial.out_of_plane_m),
+            bound_m: rms(|trial| trial.bound_m),
+            object_bound_m: rms(|trial| trial.object_bound_m),
             nees: statistics::mean(nees).map(|nees| nees / 3.0),
             nees_low,
             nees_high,
             coverage: mean(|trial| trial.coverage),
             early_coverage: mean(|trial| trial.early_coverage),
             surface_m: mean(|trial| trial.surface_m),
-            normal_rad: mean(|trial| trial.normal_rad.map(|angle| angle * angle)).map(f64::sqrt),
-            direction_rad: mean(|trial| trial.direction_rad.map(|angle| angle * angle)).map(f64::sqrt),
-            direction_bound_rad: mean(|trial| trial.direction_bound_rad.map(|angle| angle * angle)).map(f64::sqrt),
-            radius_error: mean(|trial| trial.radius_error.map(|error| error * error)).map(f64::sqrt),
-            radius_bound: mean(|trial| trial.radius_bound.map(|bound| bound * bound)).map(f64::sqrt),
+            normal_rad: rms(|trial| trial.normal_rad),
+            direction_rad: rms(|trial| trial.direction_rad),
+            direction_bound_rad: rms(|trial| trial.direction_bound_rad),
+            radius_error: rms(|trial| trial.radius_error),
+            radius_bound: rms(|trial| trial.radius_bound),
             radius_coverage: mean(|trial| trial.radius_coverage),
             edge_m: mean(|trial| trial.edge_m),
             corner_m: mean(|trial| trial.corner_m),

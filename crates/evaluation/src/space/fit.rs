@@ -194,17 +194,15 @@ impl WhiskerFit<'_> {
         let data = FittedData {
             noise_fraction,
             seed: settings.seed,
-            front_end: None,
-            sensor: None,
             data_sha256,
             traces: traces.iter().map(|trace| trace.sidecar.name.clone()).collect(),
+            ..FittedData::default()
         };
         let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
         let front_end = front_end.describe(sensor.into_iter().collect());
-        let (sensor, no_sensor) = match is_recorded.then(|| recorded_sensor(traces)) {
-            Some(Ok(sensor)) => (Some(sensor), None),
-            Some(Err(reason)) => (None, Some(format!("{}: {reason}", place()))),
-            None => (None, None),
+        let (sensor, no_sensor) = match is_recorded.then(|| recorded_sensor(traces)).transpose() {
+            Ok(sensor) => (sensor, None),
+            Err(reason) => (None, Some(format!("{}: {reason}", place()))),
         };
         let calibration = SpatialCalibrationFile { front_end, sensor, ..calibration };
         write_json(&path, &calibration)?;

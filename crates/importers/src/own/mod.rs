@@ -24,7 +24,7 @@ use files::{Digest, Error};
 use trace::Role;
 use whisker::Whisker;
 
-use self::mapping::{Channels, Keys, Layout, Mapping, RecordingEntry};
+use self::mapping::{Channels, Keys, Layout, Mapping};
 use self::plane::Plane;
 use self::quantity::Quantity;
 use self::recording::{Columns, ReadColumns, Sampled, Wanted};
@@ -82,8 +82,8 @@ pub(crate) trait Geometry: Clone + Debug {
         clock_s: &[f64],
     ) -> Result<Vec<Option<Self::Place>>, Error>;
 
-    /// Sensor as stated by the mapping, or fitted to the calibration. The whisker touches if the reading differs from rest by more
-    /// than `touch`.
+    /// Sensor as stated by the mapping, or fitted to the calibration, and a remark about it. The whisker touches if the reading differs
+    /// from rest by more than `touch`.
     ///
     /// # Errors
     /// [`Error`] if the recordings do not determine it.
@@ -91,10 +91,7 @@ pub(crate) trait Geometry: Clone + Debug {
         laboratory: &Laboratory<'_, Self>,
         sampled: &[Sampled<'_, Self>],
         touch: f64,
-    ) -> Result<Self::Sensor, Error>;
-
-    /// Remark about the sensor.
-    fn remark(sensor: &Self::Sensor) -> Option<String>;
+    ) -> Result<(Self::Sensor, Option<String>), Error>;
 
     /// Adds the trace of a recording. Returns the number of rows whose reading is that of a touch, but of which no contact is found.
     ///
@@ -163,7 +160,7 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     for (done, entry) in mapping.recordings.iter().enumerate() {
         progress(done as u64, mapping.recordings.len() as u64);
         match Sampled::read(&laboratory, source, entry).and_then(|recording| {
-            check_new(&laboratory, &recording, &sampled)?;
+            check_new(&laboratory, done, &recording, &sampled)?;
             Ok(recording)
         }) {
             Ok(recording) => sampled.push(recording),
@@ -179,7 +176,7 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     sampled.iter_mut().for_each(|recording| recording.mark_glitches(usual));
     let touch = mapping.reading.touch().unwrap_or_else(|| rest::touch(usual));
     imported.notes.extend(other_rests(&sampled, touch));
-    let sensor = G::sensor(&laboratory, &sampled, touch)?;
+    let (sensor, remark) = G::sensor(&laboratory, &sampled, touch)?;
     let mut not_found = Vec::new();
     for recording in &sampled {
         match G::add_trace(&laboratory, &sensor, recording, &mut imported) {
@@ -197,25 +194,24 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
             not_found.join(", ")
         ));
     }
-    imported.notes.extend(G::remark(&sensor));
+    imported.notes.extend(remark);
     Ok(imported)
 }
 
-/// Checks that a recording is none of those before it: a copy of a calibration would not be held out, one of a trial be scored
-/// twice.
+/// Checks that the recording at this place of the mapping is none of those before it: a copy of a calibration would not be held out,
+/// one of a trial be scored twice.
 fn check_new<G: Geometry>(
     laboratory: &Laboratory<'_, G>,
+    place: usize,
     recording: &Sampled<'_, G>,
     before: &[Sampled<'_, G>],
 ) -> Result<(), Error> {
     let Some(same) = before.iter().find(|before| before.sha256 == recording.sha256) else { return Ok(()) };
-    let is_entry = |entry: &RecordingEntry<G>| entry.name() == recording.entry.name();
-    let place = laboratory.mapping.recordings.iter().position(is_entry).unwrap_or_default();
-    let key = format!("recordings[{place}].file");
+    let (key, found) = (format!("recordings[{place}].file"), same.entry.name());
     Err(Error::value(
         laboratory.path,
         key,
-        format!("the same content as the recording `{}`", same.entry.name()),
+        format!("the same content as the recording `{found}`"),
         "each recording once",
     ))
 }

@@ -65,8 +65,8 @@ const COLUMNS: [Column; 15] = [
     Column {
         heading: "NEES",
         unit: "per degree of freedom",
-        meaning: "mean normalised squared error of the last estimates; 1 for a consistent method",
-        value: |row| row.nees,
+        meaning: "mean normalised squared error over trials and instants, on which the verdict is based; 1 for a consistent method",
+        value: |row| row.nees_mean,
         decimals: 2,
         is_ranked: false,
     },

@@ -24,7 +24,7 @@ use filters::{Measurement, Process};
 use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, Matrix3xX, RowVector5, SMatrix, Vector2, Vector3, Vector5};
 use trace::SpatialTrace;
 use whisker::frames::{Base, World};
-use whisker::space::frames::{Point, Pose};
+use whisker::space::frames::{Point, Pose, across};
 use whisker::space::sensor::CalibratedSpace;
 
 use super::object::{TrueObject, TrueRod};
@@ -110,7 +110,7 @@ impl UnknownObject {
         let Surface { normal, slopes } = Surface::of(face, object, to_base, contact)?;
         let mut information = slopes.transpose() * prior_m2.cholesky()?.solve(&slopes);
         if let Some(rod) = object.rod() {
-            let [a, b] = rod.across();
+            let [a, b] = across(&rod.along);
             let turn = normal.cross(&rod.along);
             let turn = Vector5::new(0.0, 0.0, a.dot(&turn), b.dot(&turn), 0.0) / DIRECTION_SD_RAD;
             information += turn * turn.transpose();
@@ -185,7 +185,7 @@ fn rod_equations(
     contact_slopes: &Matrix3<f64>,
     normal_slopes: &Matrix3<f64>,
 ) -> (Matrix3<f64>, Matrix3xX<f64>) {
-    let (along, [a, b]) = (rod.along, rod.across());
+    let (along, [a, b]) = (rod.along, across(&rod.along));
     let center_slopes = contact_slopes - normal_slopes * rod.radius_m;
     let rows = [center_slopes.tr_mul(&a), center_slopes.tr_mul(&b), normal_slopes.tr_mul(&along)];
     let place_m = along.dot(&(contact - rod.axis));

@@ -5,9 +5,10 @@ use trace::{Feature, SpatialContactTruth, SpatialTrace};
 
 use super::solid::{Axial, Solid};
 
-/// Smallest extent of the touched points of a rod or edge, and largest deviation from a line relative to it.
+/// Smallest extent of the touched points of an edge, and their largest root mean square distance from its line. Simulated contacts
+/// lie within about 10 um of the object.
 const EXTENT_M: f64 = 1e-3;
-const STRAIGHT: f64 = 0.05;
+const OFF_LINE_M: f64 = 3e-5;
 
 /// Smallest radius of rod and wire together.
 const LEAST_RADIUS_M: f64 = 1e-5;
@@ -98,8 +99,12 @@ impl TrueRod {
         contacts.iter().all(is_on_side).then_some(Self { axis, along, radius_m: with_wire_m })
     }
 
-    /// The edge of some contacts. `None` if the touched points do not lie on a straight line of more than a millimetre.
+    /// The edge of some contacts. `None` if not all of them are on edges, or if the touched points do not lie on a straight line of
+    /// more than a millimetre.
     fn edge(contacts: &[&SpatialContactTruth]) -> Option<Self> {
+        if contacts.iter().any(|contact| contact.feature != Feature::Edge) {
+            return None;
+        }
         let surface: Vec<_> = contacts.iter().map(|contact| contact.surface).collect();
         let along = direction(&surface)?;
         // The centres `p - rho n` lie on the axis: deviations of contacts and normals across it are proportional.
@@ -117,12 +122,6 @@ impl TrueRod {
         let radius_m = if square > 0.0 { (product / square).max(LEAST_RADIUS_M) } else { LEAST_RADIUS_M };
         Some(Self { axis: contact - normal * radius_m, along, radius_m })
     }
-
-    /// Unit vectors that complete the direction to orthogonal axes.
-    pub fn across(&self) -> [Vector3<f64>; 2] {
-        let one = self.along.cross(&Vector3::ith(self.along.iamin(), 1.0)).normalize();
-        [one, self.along.cross(&one)]
-    }
 }
 
 /// Direction of points on a straight line. `None` if they do not lie on one.
@@ -139,7 +138,7 @@ fn direction(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let rest = (parts.eigenvalues.sum() - parts.eigenvalues[longest]).max(0.0);
     let places = points.iter().map(|point| along.dot(&(point - mean)));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-    (high - low > EXTENT_M && rest.sqrt() < STRAIGHT * parts.eigenvalues[longest].sqrt()).then_some(along)
+    (high - low > EXTENT_M && rest.sqrt() < OFF_LINE_M).then_some(along)
 }
 
 #[cfg(test)]
@@ -192,5 +191,11 @@ mod tests {
         let rod = TrueRod::edge(&line.iter().collect::<Vec<_>>()).expect("an edge");
         assert!((rod.along.dot(&along).abs() - 1.0).abs() < 1e-12 && (rod.radius_m - WIRE_M).abs() < 1e-9, "{rod:?}");
         assert_eq!(TrueRod::edge(&line[..5].iter().collect::<Vec<_>>()), None);
+        // A second edge, 6 degrees from the first, and a face.
+        let bent = |way_m: f64| contact(along * way_m + Vector3::y() * 0.1 * way_m, Vector3::x(), Feature::Edge);
+        let two: Vec<_> = line.iter().copied().chain((0..20).map(|i| bent(1e-4 * f64::from(i)))).collect();
+        assert_eq!(TrueRod::edge(&two.iter().collect::<Vec<_>>()), None);
+        let face: Vec<_> = line.iter().map(|at| SpatialContactTruth { feature: Feature::Face, ..*at }).collect();
+        assert_eq!(TrueRod::edge(&face.iter().collect::<Vec<_>>()), None);
     }
 }

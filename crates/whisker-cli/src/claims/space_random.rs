@@ -44,8 +44,29 @@ const FAILING: [Failing; 2] = [
     },
 ];
 
+/// A kind of solids.
+struct Kind {
+    name: &'static str,
+    what: &'static str,
+    /// Those with a bound of an unknown object.
+    with_bound: &'static str,
+    /// Largest share of failed replays (%).
+    most: f64,
+    is_smooth: bool,
+}
+
+const KINDS: [Kind; 2] = [
+    Kind {
+        name: "smooth",
+        what: "rods, spheres, cylinders and tori",
+        with_bound: "rods, spheres and cylinders",
+        most: 3.0,
+        is_smooth: true,
+    },
+    Kind { name: "edged", what: "boxes and cones", with_bound: "edges of boxes", most: 6.0, is_smooth: false },
+];
+
 pub(super) fn claims() -> Vec<Claim> {
-    let about = |what: &str| format!("random scenes in space, {RECOMMENDED}: {what}");
     let covered = "stated 95 % ellipsoids that hold the true contact, mean over sets";
     let mut claims = vec![
         Claim::at_least("space_random_coverage_low".into(), about(covered), 88.0, "%", |context| {
@@ -59,7 +80,7 @@ pub(super) fn claims() -> Vec<Claim> {
             about("95 % ellipsoids of the first second of each touch that hold the true contact, mean over replays"),
             88.0,
             "%",
-            |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.early_coverage)))),
+            |context| Ok(percent_of(context, |trial| trial.early_coverage)),
         ),
         Claim::at_most(
             "space_random_overconfident".into(),
@@ -75,61 +96,16 @@ pub(super) fn claims() -> Vec<Claim> {
             ),
             90.0,
             "%",
-            |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.answered)))),
+            |context| Ok(percent_of(context, |trial| trial.answered)),
         ),
     ];
-    for (name, kind, with_bound, most, smooth) in [
-        ("smooth", "rods, spheres, cylinders and tori", "rods, spheres and cylinders", 3.0, true),
-        ("edged", "boxes and cones", "edges of boxes", 6.0, false),
-    ] {
-        let of_kind = move |shape: &str| SMOOTH.contains(&shape) == smooth;
-        claims.push(Claim::at_most(
-            format!("space_random_{name}_median"),
-            about(&format!("{kind}: RMSE of the contact, median over replays")),
-            0.25,
-            "mm",
-            move |context| {
-                Ok(median(replays(context, of_kind).filter_map(|trial| trial.rmse_m)).map(|error_m| 1e3 * error_m))
-            },
-        ));
-        for Failing { id, what, has_failed } in FAILING {
-            claims.push(Claim::at_most(
-                format!("space_random_{name}_{id}"),
-                about(&format!("{kind}: {what}")),
-                most,
-                "%",
-                move |context| Ok(share(scorable(context, of_kind), |trial| has_failed(trial))),
-            ));
-        }
-        let [Failing { what, has_failed, .. }, _] = FAILING;
-        claims.push(Claim::at_most(
-            format!("space_random_{name}_avoidable"),
-            about(&format!("{with_bound}: {what}, of those whose bound of an unknown object does not exceed 0.5 mm")),
-            most,
-            "%",
-            move |context| {
-                let is_possible =
-                    |trial: &&SpatialTrialRow| trial.object_bound_m.is_some_and(|bound_m| bound_m <= FAILED_M);
-                Ok(share(scorable(context, of_kind).filter(is_possible), |trial| has_failed(trial)))
-            },
-        ));
-        claims.push(Claim::at_least(
-            format!("space_random_{name}_bound"),
-            format!("random scenes in space, {with_bound}: replays whose bound of an unknown object exceeds 0.5 mm"),
-            most,
-            "%",
-            move |context| {
-                let bounds = scorable(context, of_kind).filter_map(|trial| trial.object_bound_m);
-                Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
-            },
-        ));
-    }
+    claims.extend(KINDS.into_iter().flat_map(of_kind));
     claims.push(Claim::at_least(
         "space_random_radius_coverage".into(),
         about("spheres and cylinders: 95 % intervals of the last radius that contain the true one"),
         88.0,
         "%",
-        |context| Ok(percent(mean(replays(context, |_| true).filter_map(|trial| trial.radius_coverage)))),
+        |context| Ok(percent_of(context, |trial| trial.radius_coverage)),
     ));
     claims.push(Claim::at_least(
         "space_random_doubt_found".into(),
@@ -146,6 +122,57 @@ pub(super) fn claims() -> Vec<Claim> {
         |context| Ok(doubt_false_per_min(&sets(context))),
     ));
     claims
+}
+
+/// Claims about the replays on one kind of solids.
+fn of_kind(Kind { name, what: kind, with_bound, most, is_smooth }: Kind) -> Vec<Claim> {
+    let mut claims = Vec::new();
+    let is_of_kind = move |shape: &str| SMOOTH.contains(&shape) == is_smooth;
+    claims.push(Claim::at_most(
+        format!("space_random_{name}_median"),
+        about(&format!("{kind}: RMSE of the contact, median over replays")),
+        0.25,
+        "mm",
+        move |context| {
+            Ok(median(replays(context, is_of_kind).filter_map(|trial| trial.rmse_m)).map(|error_m| 1e3 * error_m))
+        },
+    ));
+    for Failing { id, what, has_failed } in FAILING {
+        claims.push(Claim::at_most(
+            format!("space_random_{name}_{id}"),
+            about(&format!("{kind}: {what}")),
+            most,
+            "%",
+            move |context| Ok(share(scorable(context, is_of_kind), |trial| has_failed(trial))),
+        ));
+    }
+    let [Failing { what, has_failed, .. }, _] = FAILING;
+    claims.push(Claim::at_most(
+        format!("space_random_{name}_avoidable"),
+        about(&format!("{with_bound}: {what}, of those whose bound of an unknown object does not exceed 0.5 mm")),
+        most,
+        "%",
+        move |context| {
+            let is_possible =
+                |trial: &&SpatialTrialRow| trial.object_bound_m.is_some_and(|bound_m| bound_m <= FAILED_M);
+            Ok(share(scorable(context, is_of_kind).filter(is_possible), |trial| has_failed(trial)))
+        },
+    ));
+    claims.push(Claim::at_least(
+        format!("space_random_{name}_bound"),
+        format!("random scenes in space, {with_bound}: replays whose bound of an unknown object exceeds 0.5 mm"),
+        most,
+        "%",
+        move |context| {
+            let bounds = scorable(context, is_of_kind).filter_map(|trial| trial.object_bound_m);
+            Ok(share(bounds, |bound_m| *bound_m > FAILED_M))
+        },
+    ));
+    claims
+}
+
+fn about(what: &str) -> String {
+    format!("random scenes in space, {RECOMMENDED}: {what}")
 }
 
 /// Replays of `recommended` on solids of some shapes.
@@ -172,6 +199,7 @@ fn sets(context: &Context) -> Vec<Set<'_, SpatialTrialRow>> {
     sets_of(&context.spatial(RUN).trials)
 }
 
-fn percent(share: Option<f64>) -> Option<f64> {
-    share.map(|share| 100.0 * share)
+/// Mean (%) of a score over the replays.
+fn percent_of(context: &Context, score: fn(&SpatialTrialRow) -> Option<f64>) -> Option<f64> {
+    mean(replays(context, |_| true).filter_map(score)).map(|share| 100.0 * share)
 }

@@ -282,10 +282,7 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
     let beside = calibrations(folder, FRONT_ENDS[0].name).join(format!("{}.json", sidecar.whisker.name));
     let calibration = if beside.is_file() { Some(CalibrationFile::read(&beside)?) } else { None };
     let findings = Subject::new(&trace, calibration.as_ref()).findings();
-    if !findings.is_empty() {
-        let findings: Vec<String> = findings.iter().map(ToString::to_string).collect();
-        bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
-    }
+    refuse(&path.with_extension("csv"), findings.iter().map(ToString::to_string))?;
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
     let truth = touching(trace.truth.instants.iter().map(|truth| truth.touching));
     let certificate = match &sidecar.certificate {
@@ -297,11 +294,7 @@ fn check_trace(path: &Path) -> anyhow::Result<String> {
 
 fn check_spatial_trace(path: &Path) -> anyhow::Result<String> {
     let trace = SpatialTrace::read(path)?;
-    let findings = spatial_findings(&trace);
-    if !findings.is_empty() {
-        let findings: Vec<String> = findings.iter().map(ToString::to_string).collect();
-        bail!("{}: {}", path.with_extension("csv").display(), findings.join("; "));
-    }
+    refuse(&path.with_extension("csv"), spatial_findings(&trace).iter().map(ToString::to_string))?;
     let sidecar = &trace.sidecar;
     let last = trace.recording.instants.last().map_or(0.0, |instant| instant.t_s);
     let truth = touching(trace.truth.instants.iter().map(|truth| truth.touching));
@@ -310,6 +303,15 @@ fn check_spatial_trace(path: &Path) -> anyhow::Result<String> {
         Some(certificate) => format!(", {}", certified_in_space(path, certificate)?),
     };
     Ok(format!("trace in space `{}`, {} rows, {last:.2} s, {truth}{certificate}", sidecar.name, sidecar.rows))
+}
+
+/// Refuses a file for these reasons, if there are any.
+fn refuse(file: &Path, reasons: impl Iterator<Item = String>) -> anyhow::Result<()> {
+    let reasons: Vec<String> = reasons.collect();
+    if !reasons.is_empty() {
+        bail!("{}: {}", file.display(), reasons.join("; "));
+    }
+    Ok(())
 }
 
 /// Share of the rows in contact, as text. If the truth of some rows is unknown, as in recordings, the numbers of rows.
@@ -332,7 +334,7 @@ fn touching(rows: impl Iterator<Item = Option<bool>>) -> String {
 /// # Errors
 /// If a figure exceeds its bound.
 fn certified_in_space(path: &Path, certificate: &SpatialCertificate) -> anyhow::Result<String> {
-    refuse(path, &certificate.breaches())?;
+    refuse_breaches(path, &certificate.breaches())?;
     let apart = apart(certificate.tip, certificate.split);
     let (Some(moment_rms), Some(surface_rms_m), Some(normal_rms_rad)) =
         (certificate.moment_rms, certificate.surface_rms_m, certificate.normal_rms_rad)
@@ -349,17 +351,11 @@ fn certified_in_space(path: &Path, certificate: &SpatialCertificate) -> anyhow::
 }
 
 /// Refuses a certificate with figures that exceed their bounds.
-fn refuse(path: &Path, breaches: &[Breach]) -> anyhow::Result<()> {
-    let breaches: Vec<String> = breaches
-        .iter()
-        .map(|breach| {
-            format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound)
-        })
-        .collect();
-    if !breaches.is_empty() {
-        bail!("{}: {}", path.with_extension("json").display(), breaches.join("; "));
-    }
-    Ok(())
+fn refuse_breaches(path: &Path, breaches: &[Breach]) -> anyhow::Result<()> {
+    let breach = |breach: &Breach| {
+        format!("certificate.{}: found {:e}, expected at most {:e}", breach.key, breach.found, breach.bound)
+    };
+    refuse(&path.with_extension("json"), breaches.iter().map(breach))
 }
 
 /// Numbers of rows at the tip and at separate points, if there are any.
@@ -373,7 +369,7 @@ fn apart(tip: usize, split: usize) -> String {
 /// # Errors
 /// If a figure exceeds its bound.
 fn certified(path: &Path, certificate: &Certificate) -> anyhow::Result<String> {
-    refuse(path, &certificate.breaches())?;
+    refuse_breaches(path, &certificate.breaches())?;
     let apart = apart(certificate.tip, certificate.split);
     let (Some(moment_rms), Some(surface_rms_m), Some(surface_worst_m)) =
         (certificate.moment_rms, certificate.surface_rms_m, certificate.surface_worst_m)

@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use evaluation::fit::{FitSettings, Models, fit};
 use evaluation::space::fit::SpatialFitSettings;
+use files::OutputLock;
 use serde_json::Value;
 use testbed::dataset::{CALIBRATIONS, Dataset};
 use testbed::front_end::{FrontEnd, Mounting, SpatialFrontEnd};
@@ -86,12 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         front_end: choice,
         sensors: arguments.sensors.clone(),
     };
-    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
-    check_is_folder(&out)?;
-    // The calibrations lie beside the traces, in a folder of their own.
-    let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
-    let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
-    let _lock = reserve(&out, &inputs)?;
+    let (out, _lock) = reserved(arguments, &dataset, front_end.row.name)?;
     let fitted = fit(&dataset, &settings, &out, &Progress::of("fitting"))?;
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
@@ -153,12 +149,19 @@ fn in_space(arguments: &Arguments, dataset: &Dataset, models: Models) -> anyhow:
     let front_end = SpatialFrontEnd::new(&choice)?;
     let noise = arguments.noise.unwrap_or(front_end.row.noise);
     let settings = SpatialFitSettings { models, noise, seed: arguments.seed, front_end: choice };
-    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end.row.name));
+    let (out, _lock) = reserved(arguments, dataset, front_end.row.name)?;
+    fit_in_space(dataset, &settings, &out)
+}
+
+/// The folder of the calibrations, and its lock.
+fn reserved(arguments: &Arguments, dataset: &Dataset, front_end: &str) -> anyhow::Result<(PathBuf, OutputLock)> {
+    let out = arguments.out.clone().unwrap_or_else(|| dataset.calibrations(front_end));
     check_is_folder(&out)?;
+    // The calibrations lie beside the traces, in a folder of their own.
     let is_own = lies_in(&out, &dataset.folder.join(CALIBRATIONS))?;
     let inputs = if is_own { Vec::new() } else { vec![dataset.input.clone(), dataset.folder.clone()] };
-    let _lock = reserve(&out, &inputs)?;
-    fit_in_space(dataset, &settings, &out)
+    let lock = reserve(&out, &inputs)?;
+    Ok((out, lock))
 }
 
 /// Parses a sensor as array/sensor.

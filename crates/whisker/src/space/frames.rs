@@ -47,6 +47,12 @@ impl<F> Point<F> {
     }
 }
 
+/// Two unit vectors across a unit vector and across one another.
+pub fn across(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let first = unit.cross(&Vector3::ith(unit.iamin(), 1.0)).normalize();
+    [first, unit.cross(&first)]
+}
+
 /// Pose of frame `From` in frame `To`: transforms coordinates from the former to the latter.
 #[derive(Debug, PartialEq)]
 pub struct Pose<From, To> {

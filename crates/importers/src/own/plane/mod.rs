@@ -106,7 +106,11 @@ impl Geometry for Plane {
         Ok(places)
     }
 
-    fn sensor(laboratory: &Laboratory<'_, Self>, sampled: &[Sampled<'_, Self>], touch: f64) -> Result<Sensor, Error> {
+    fn sensor(
+        laboratory: &Laboratory<'_, Self>,
+        sampled: &[Sampled<'_, Self>],
+        touch: f64,
+    ) -> Result<(Sensor, Option<String>), Error> {
         let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
         let mechanics = Mechanics::new(path, &laboratory.whisker)?;
         let largest = sampled.iter().map(Sampled::largest).fold(0.0, f64::max);
@@ -127,11 +131,7 @@ impl Geometry for Plane {
                 Conversion::fitted(path, mapped, &Known { recordings, contacts: known, pairs }, touch)?
             }
         };
-        Ok(Sensor { mechanics, touch, conversion })
-    }
-
-    fn remark(_sensor: &Sensor) -> Option<String> {
-        None
+        Ok((Sensor { mechanics, touch, conversion }, None))
     }
 
     fn add_trace(

@@ -37,8 +37,6 @@ pub(crate) struct SpatialSensor {
     touch: f64,
     response: BendingResponse,
     residual_counts: Vector2<f64>,
-    /// Remark about the fit of the response. `None` if the response is stated.
-    remark: Option<String>,
 }
 
 impl Geometry for Space {
@@ -71,8 +69,7 @@ impl Geometry for Space {
         let base = laboratory.mapping.base.pose();
         let [x, y, z] = [x, y, z].map(|place| columns.at(place, clock_s));
         let rotations = orientation.at(laboratory.path, path, columns, clock_s)?;
-        let mut last: Option<SpatialPose> = None;
-        let mut poses = Vec::with_capacity(clock_s.len());
+        let mut poses: Vec<SpatialPose> = Vec::with_capacity(clock_s.len());
         for (row, rotation) in rotations.into_iter().enumerate() {
             let [x, y, z] = [&x, &y, &z].map(|place| place[row].unwrap_or_default());
             let recorded = Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation);
@@ -83,14 +80,12 @@ impl Geometry for Space {
             let position = translation.vector;
             check_place(path, "pose", &position)?;
             // The sign of a trace's quaternions is continuous, and w is not negative at first.
-            let is_opposite = match &last {
+            let is_opposite = match poses.last() {
                 Some(last) => last.rotation.coords.dot(&rotation.coords) < 0.0,
                 None => rotation.w < 0.0,
             };
             let rotation = if is_opposite { Unit::new_unchecked(-rotation.into_inner()) } else { rotation };
-            let pose = SpatialPose { position, rotation };
-            poses.push(pose);
-            last = Some(pose);
+            poses.push(SpatialPose { position, rotation });
         }
         Ok(poses)
     }
@@ -113,7 +108,7 @@ impl Geometry for Space {
         laboratory: &Laboratory<'_, Self>,
         sampled: &[Sampled<'_, Self>],
         touch: f64,
-    ) -> Result<SpatialSensor, Error> {
+    ) -> Result<(SpatialSensor, Option<String>), Error> {
         let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
         let mechanics = Mechanics::new(path, &laboratory.whisker, suspension(laboratory), poisson_ratio(laboratory))?;
         let signs = Matrix2::from_diagonal(&Vector2::from(mapped.channels.each_ref().map(|channel| channel.sign)));
@@ -123,7 +118,7 @@ impl Geometry for Space {
             (unit, _) => BendingResponse::new(signs / unit.si()),
         };
         if let Some(response) = stated {
-            return Ok(SpatialSensor { mechanics, touch, response, residual_counts: Vector2::zeros(), remark: None });
+            return Ok((SpatialSensor { mechanics, touch, response, residual_counts: Vector2::zeros() }, None));
         }
         let calibration: Vec<_> =
             sampled.iter().filter(|recording| recording.entry.role == Role::Calibration).collect();
@@ -131,12 +126,8 @@ impl Geometry for Space {
         // Without a response, the side of the pin is that of `side_of_axis`. With a response, it is the side that agrees with the
         // readings. Both may differ in light touches.
         let fitted = fit(Some(&fit(None)?.response))?;
-        let (Fitted { response, residual_counts, .. }, remark) = (fitted, Some(fitted.remark()));
-        Ok(SpatialSensor { mechanics, touch, response, residual_counts, remark })
-    }
-
-    fn remark(sensor: &SpatialSensor) -> Option<String> {
-        sensor.remark.clone()
+        let Fitted { response, residual_counts, .. } = fitted;
+        Ok((SpatialSensor { mechanics, touch, response, residual_counts }, Some(fitted.remark())))
     }
 
     fn add_trace(

@@ -82,10 +82,10 @@ impl Sink {
         Ok(())
     }
 
-    /// Prints why a line is no message and what follows, and answers it.
-    pub(super) fn refuse(&mut self, kind: &'static str, reason: &str, consequence: &str) -> anyhow::Result<()> {
+    /// Prints why a line is no message and what follows, if it is the first of its kind, and answers it.
+    pub(super) fn refuse(&mut self, kind: &'static str, reason: impl FnOnce() -> String) -> anyhow::Result<()> {
         self.refused += 1;
-        self.note(kind, 1, || format!("error: {reason}; {consequence}"));
+        self.note(kind, 1, || format!("error: {}", reason()));
         self.add(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
         self.write()
     }

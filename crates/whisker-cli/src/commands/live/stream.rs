@@ -373,7 +373,7 @@ where
         let Err(bad) = taken else { return Ok(()) };
         let kind =
             if bad.is_not_finite { "lines with a value that is not finite" } else { "lines that are no messages" };
-        locked(&self.sink).refuse(kind, &format!("stdin: line {}, {bad}", self.lines), &self.consequence())
+        locked(&self.sink).refuse(kind, || format!("stdin: line {}, {bad}; {}", self.lines, self.consequence()))
     }
 
     /// States which lines are left out after one that is no message: also those of whiskers without a first line, as which it may have

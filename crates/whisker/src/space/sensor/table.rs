@@ -54,6 +54,9 @@ pub(crate) struct Table<const C: usize> {
 }
 
 impl Grid {
+    /// Number of nodes.
+    pub(crate) const COUNT: usize = NODES[0] * NODES[1] * NODES[2];
+
     /// The grid around a calibrated domain: of the extents that contain it, the one that exceeds it least.
     pub(crate) fn new(domain: &SpatialDomain) -> Self {
         let (first_m, last_m) = domain.tabulated_range_m();
@@ -166,7 +169,7 @@ impl<const C: usize> Table<C> {
 
     /// The table with these values at [`Grid::nodes`]. `None` if there is not one value per node.
     pub(crate) fn of_nodes(grid: Grid, nodes: Vec<[f64; C]>) -> Option<Self> {
-        (nodes.len() == NODES.iter().product::<usize>()).then_some(Self { grid, nodes })
+        (nodes.len() == Grid::COUNT).then_some(Self { grid, nodes })
     }
 
     /// The function at a contact.

@@ -18,7 +18,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::{CELL_M, OrientedPoint};
 use crate::frames::World;
-use crate::space::frames::Point;
+use crate::space::frames::{Point, across};
 
 /// Smallest standard deviation up to which points count as equally certain (m).
 const LEAST_SD_M: f64 = 10e-6;
@@ -35,11 +35,15 @@ struct PointAround {
 }
 
 impl PointAround {
-    fn new(point: &OrientedPoint, at: Point<World>, axes: &[Vector3<f64>; 2]) -> Self {
+    /// `None` if it is not nearer than `reach_m`.
+    fn new(point: &OrientedPoint, at: Point<World>, axes: &[Vector3<f64>; 2], reach_m: f64) -> Option<Self> {
         let offset = point.at.vector() - at.vector();
-        let root_m = root(axes.map(|one| axes.map(|other| one.dot(&(point.covariance_m2 * other)))).into());
-        let offset_m = axes.map(|axis| axis.dot(&offset)).into();
-        Self { away_m: offset.norm(), offset_m, root_m, sd_across_m: root_m.norm(), normal: point.normal }
+        let away_m = offset.norm();
+        (away_m < reach_m).then(|| {
+            let root_m = root(axes.map(|one| axes.map(|other| one.dot(&(point.covariance_m2 * other)))).into());
+            let offset_m = axes.map(|axis| axis.dot(&offset)).into();
+            Self { away_m, offset_m, root_m, sd_across_m: root_m.norm(), normal: point.normal }
+        })
     }
 }
 
@@ -54,19 +58,20 @@ pub(super) fn undetermined_sd_m(
     let Some(normal) = normal.try_normalize(0.0) else { return f64::INFINITY };
     let axes = across(&normal);
     let facing = points.iter().filter(|point| point.normal.dot(&normal) > 0.0);
-    let mut around: Vec<PointAround> =
-        facing.map(|point| PointAround::new(point, at, &axes)).filter(|point| point.away_m < reach_m).collect();
+    let mut around: Vec<PointAround> = facing.filter_map(|point| PointAround::new(point, at, &axes, reach_m)).collect();
     around.sort_by(|a, b| a.away_m.total_cmp(&b.away_m));
     let sds_m = || around.iter().map(|point| point.sd_across_m);
     let (least_m, most_m) = (sds_m().fold(f64::INFINITY, f64::min), sds_m().fold(0.0, f64::max));
     let levels_m = std::iter::successors(Some(least_m.max(LEAST_SD_M)), |sd_across_m| {
         (*sd_across_m < most_m).then_some(2.0 * sd_across_m)
     });
-    let of_level = |sd_across_m: f64| {
-        let certain: Vec<&PointAround> = around.iter().filter(|point| point.sd_across_m <= sd_across_m).collect();
-        least_sd_m(&certain)
+    let certain_up_to = |sd_across_m: f64| -> Vec<&PointAround> {
+        around.iter().filter(|point| point.sd_across_m <= sd_across_m).collect()
     };
-    levels_m.map(of_level).fold(f64::INFINITY, f64::min)
+    let mut levels: Vec<Vec<&PointAround>> = levels_m.map(certain_up_to).collect();
+    // Each level contains the one before: as many points are the same points.
+    levels.dedup_by_key(|points| points.len());
+    levels.iter().map(|points| least_sd_m(points)).fold(f64::INFINITY, f64::min)
 }
 
 /// The smallest standard deviation of the hulls of the points up to a distance. The points are in the order of their distance.
@@ -84,7 +89,9 @@ fn least_sd_m(points: &[&PointAround]) -> f64 {
         if within.len() == points.len() {
             return least_m;
         }
-        reach_m *= 2.0;
+        while reach_m < points[within.len()].away_m {
+            reach_m *= 2.0;
+        }
     }
 }
 
@@ -143,12 +150,6 @@ fn root(covariance: Matrix2<f64>) -> Matrix2<f64> {
     let parts = covariance.symmetric_eigen();
     let roots = parts.eigenvalues.map(|variance| variance.max(0.0).sqrt());
     parts.eigenvectors * Matrix2::from_diagonal(&roots) * parts.eigenvectors.transpose()
-}
-
-/// Two unit vectors across a unit vector and across one another.
-fn across(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-    [first, normal.cross(&first)]
 }
 
 #[cfg(test)]

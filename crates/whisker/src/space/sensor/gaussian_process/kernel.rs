@@ -23,6 +23,13 @@ pub struct Place {
     pub load: f64,
 }
 
+impl Place {
+    /// The place of a reading, given the largest one of the calibration.
+    pub(super) fn of(contact_m: Vector3<f64>, reading: &Vector2<f64>, largest_reading: f64) -> Self {
+        Self { contact_m, load: reading.norm() / largest_reading }
+    }
+}
+
 /// Parameters of the covariance of one channel, with `R` the largest reading of the calibration and `y` a reading's norm over `R`,
 /// the load.
 ///

@@ -96,8 +96,7 @@ impl Stored {
         let largest_reading_n_m = process.largest_reading;
         let place = |at: Around| {
             let contact_m = at.contact(&axis).vector();
-            let reading_n_m = predictor.predict(&contact_m).0;
-            Place { contact_m, load: reading_n_m.norm() / largest_reading_n_m }
+            Place::of(contact_m, &predictor.predict(&contact_m).0, largest_reading_n_m)
         };
         let places: Vec<Place> = Grid::new(region.domain).nodes().map(place).collect();
         let log_sd = |sd_n_m: f64| ((sd_n_m / largest_reading_n_m).ln() * STEPS).round() / STEPS;
@@ -228,10 +227,8 @@ fn sds_n_m(predictor: &Predictor<'_>, places: &[Place]) -> Vec<Vector2<f64>> {
 /// contact, reduces them.
 fn correlations(process: &Process, lines: &[Vec<SpatialSample>]) -> Vec<Correlation> {
     let predictor = process.predictor();
-    let place = |sample: &SpatialSample| Place {
-        contact_m: sample.contact.vector(),
-        load: sample.reading_n_m.norm() / process.largest_reading,
-    };
+    let place =
+        |sample: &SpatialSample| Place::of(sample.contact.vector(), &sample.reading_n_m, process.largest_reading);
     let of_line = |line: &Vec<SpatialSample>| {
         let places: Vec<Place> = line.iter().map(place).collect();
         let covariance = predictor.covariance(0, &places) + predictor.covariance(1, &places);
@@ -286,7 +283,7 @@ pub(super) fn fit(
 pub(super) fn load(region: &SpatialRegion<'_>, value: &Value) -> SpatialLoaded {
     let stored: Stored = typed(value).map_err(|reason| ModelError::Settings { kind: KIND, reason })?;
     stored.mean.check().map_err(|reason| ModelError::Data(format!("`mean`: {reason}")))?;
-    let (found, expected) = (stored.log_sds.len(), Grid::new(region.domain).nodes().count());
+    let (found, expected) = (stored.log_sds.len(), Grid::COUNT);
     if found != expected {
         return Err(ModelError::Data(format!("`log_sds`: found {found} pairs of numbers, expected {expected}")));
     }
@@ -366,7 +363,7 @@ mod tests {
             assert!(error < 1e-4, "{at:?}: {error}");
             let error = (found.gradient_n - gradient_n).norm() / gradient_n.norm();
             assert!(error < 5e-3, "{at:?}: {error}");
-            let place = Place { contact_m: contact.vector(), load: reading_n_m.norm() / process.largest_reading };
+            let place = Place::of(contact.vector(), &reading_n_m, process.largest_reading);
             let sd_n_m = sds_n_m(&process.predictor(), &[place])[0];
             let ratio = model.sd_n_m(at).component_div(&sd_n_m);
             assert!(ratio.iter().all(|ratio| (0.9..1.1).contains(ratio)), "{at:?}: {ratio}");

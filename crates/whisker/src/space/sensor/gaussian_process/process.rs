@@ -49,8 +49,7 @@ impl Process {
     pub fn new(samples: &[Sample], kernels: [Kernel; 2]) -> Option<Self> {
         let largest_reading = samples.iter().map(|sample| sample.reading.amax()).fold(0.0, f64::max);
         let trend = Trend::new(samples, largest_reading)?;
-        let place =
-            |sample: &Sample| Place { contact_m: sample.contact_m, load: sample.reading.norm() / largest_reading };
+        let place = |sample: &Sample| Place::of(sample.contact_m, &sample.reading, largest_reading);
         let places: Vec<Place> = samples.iter().map(place).collect();
         let solve = |channel: usize| {
             let kernel = &kernels[channel];
