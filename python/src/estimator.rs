@@ -9,7 +9,7 @@ use ::whisker::frames::Pose;
 use anyhow::Context;
 use pyo3::prelude::*;
 use serde_json::Value;
-use testbed::replay::{Steps, method};
+use testbed::replay::{self, Steps, method};
 
 use crate::arrays::{Numbers, numbers, same_length, times};
 use crate::calibration::Calibration;
@@ -67,10 +67,7 @@ impl Setup {
 
 /// Registry row and settings of an estimator.
 pub(crate) fn registered(name: &str, settings: Option<&Bound<'_, PyAny>>) -> PyResult<(&'static EstimatorRow, Value)> {
-    let row = estimators::estimator(name).ok_or_else(|| {
-        let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
-        raised(anyhow::anyhow!("unknown estimator `{name}`, expected one of: {}", known.join(", ")))
-    })?;
+    let row = replay::registered(name).map_err(raised)?;
     Ok((row, settings_over(name, (row.defaults)(), settings)?))
 }
 

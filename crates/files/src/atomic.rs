@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempDir};
 
 use crate::Error;
 
@@ -77,6 +77,52 @@ impl Write for AtomicFile {
     }
 }
 
+/// Files of a folder that are replaced together: they are written into a temporary subfolder, and moved once all of them are complete.
+#[derive(Debug)]
+pub struct StagedFiles {
+    folder: PathBuf,
+    staged: TempDir,
+}
+
+impl StagedFiles {
+    /// Creates the folder, if it is not there, and the temporary subfolder.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the path of the folder.
+    pub fn create(folder: &Path) -> Result<Self, Error> {
+        let create = || {
+            fs::create_dir_all(folder)?;
+            tempfile::Builder::new().prefix(".staged.").rand_bytes(RANDOM).suffix(SUFFIX).tempdir_in(folder)
+        };
+        Ok(Self { staged: create().map_err(Error::io(folder))?, folder: folder.into() })
+    }
+
+    /// The temporary subfolder, which is removed with all its files unless they are moved.
+    pub fn folder(&self) -> &Path {
+        self.staged.path()
+    }
+
+    /// Moves the files in the order of their names, CSV files before JSON files of the same name, which mark them as complete.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the path of the file that cannot be moved. Those before it have been moved.
+    pub fn finish(self) -> Result<(), Error> {
+        let names = || {
+            let entries = fs::read_dir(self.folder())?;
+            entries.map(|entry| Ok(entry?.file_name())).collect::<io::Result<Vec<_>>>()
+        };
+        let mut names = names().map_err(Error::io(&self.folder))?;
+        names.sort_by_key(|name| {
+            (Path::new(name).extension().is_some_and(|extension| extension == "json"), name.clone())
+        });
+        for name in &names {
+            let path = self.folder.join(name);
+            fs::rename(self.folder().join(name), &path).map_err(Error::io(&path))?;
+        }
+        Ok(())
+    }
+}
+
 /// Suffix of temporary names.
 const SUFFIX: &str = ".part";
 
@@ -114,7 +160,7 @@ pub(crate) fn remove_unfinished(output: &Path) -> io::Result<()> {
     })
 }
 
-/// Removes the temporary files that killed processes left in a folder, not in its subfolders.
+/// Removes the temporary files and folders that killed processes left in a folder, not in its subfolders.
 ///
 /// # Errors
 /// If the folder cannot be read or a file cannot be removed.
@@ -122,12 +168,12 @@ pub fn remove_temporary(folder: &Path) -> io::Result<()> {
     remove_if(folder, |_| true)
 }
 
-/// Removes the temporary files of a folder that meet a condition.
+/// Removes the temporary files and folders in a folder that meet a condition.
 fn remove_if(folder: &Path, condition: impl Fn(&Path) -> bool) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if is_temporary(&path) && condition(&path) {
-            fs::remove_file(path)?;
+            if path.is_dir() { fs::remove_dir_all(path)? } else { fs::remove_file(path)? }
         }
     }
     Ok(())
@@ -153,5 +199,35 @@ pub fn check_replaces_own(out: &Path, kind: &str, is_own: impl FnOnce(&Path) -> 
             Err(Error::Foreign { path: out.into(), kind: kind.into() })
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_staged_files_are_moved_together_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let entries = || fs::read_dir(folder.path()).unwrap().count();
+        fs::write(at("a.csv"), "old").unwrap();
+        let staged = StagedFiles::create(folder.path()).unwrap();
+        fs::write(staged.folder().join("a.csv"), "new").unwrap();
+        drop(staged);
+        assert_eq!((fs::read_to_string(at("a.csv")).unwrap().as_str(), entries()), ("old", 1));
+        let staged = StagedFiles::create(folder.path()).unwrap();
+        for name in ["a.csv", "a.json"] {
+            fs::write(staged.folder().join(name), "new").unwrap();
+        }
+        staged.finish().unwrap();
+        assert!(["a.csv", "a.json"].iter().all(|name| fs::read_to_string(at(name)).unwrap() == "new"));
+        assert_eq!(entries(), 2);
+        // A process that was killed leaves its folder.
+        let left = at(".staged.a1B2c3.part");
+        fs::create_dir(&left).unwrap();
+        fs::write(left.join("b.csv"), "").unwrap();
+        remove_temporary(folder.path()).unwrap();
+        assert_eq!(entries(), 2);
     }
 }

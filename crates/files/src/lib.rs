@@ -29,7 +29,7 @@ mod lock;
 pub mod table;
 mod watermark;
 
-pub use atomic::{AtomicFile, check_replaces_own, remove_temporary, write_atomically};
+pub use atomic::{AtomicFile, StagedFiles, check_replaces_own, remove_temporary, write_atomically};
 pub use bounded::read_table;
 pub use digest::{Digest, hexadecimal, sha256, sha256_of_file};
 pub use error::Error;

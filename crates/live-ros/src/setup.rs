@@ -14,7 +14,7 @@ use testbed::replay::{estimator, read_by};
 use testbed::settings::merged;
 use testbed::space::replay::{knowledge, read_fitted};
 use testbed::space::run::SpatialRunWhisker;
-use trace::{CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
+use trace::{BendingSensor, CalibrationFile, CrossTalk, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{ESTIMATORS, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{SPATIAL_ESTIMATORS, SpatialEstimatorRow};
@@ -199,8 +199,10 @@ impl Common<'_, SpatialEstimatorRow> {
                 let key = format!("whiskers[{index}].calibration");
                 Error::value(self.path, key, "a calibration without a sensor, with `counts`", expected)
             })?;
-            let (axes, rate_hz) = (counts.spatial_axes(), entry.rate_hz);
-            Ok::<_, Error>(BendingCounts::new(sensor, axes, counts.modulo, counts.zeroing_s, timing, rate_hz))
+            let sensor = BendingSensor { noise_sd_n_m: sensor.noise_sd_n_m.max(noise_sd_n_m), ..sensor };
+            let (largest_n_m, axes) = (calibration.largest_reading_n_m, counts.spatial_axes());
+            let CountsEntry { modulo, zeroing_s, .. } = *counts;
+            Ok::<_, Error>(BendingCounts::new(sensor, largest_n_m, axes, modulo, zeroing_s, timing, entry.rate_hz))
         });
         let counts = counts.transpose()?;
         let knowledge = knowledge(&calibration.calibrated(&file, None)?, noise_sd_n_m, None, entry.rate_hz);
@@ -282,8 +284,9 @@ impl Common<'_, EstimatorRow> {
             let of_other = sensor(&of_talk(&own, talk))?;
             neighbours.push((talk.clone(), Sensor::new(of_other, other.planar_axis(), other.modulo)));
         }
-        let own = Sensor::new(own, entry.planar_axis(), entry.modulo);
-        let rate_hz = self.mapping.whiskers[index].rate_hz;
+        let WhiskerEntry { rate_hz, noise_sd_n_m, .. } = self.mapping.whiskers[index];
+        let noise_sd_n_m = own.noise_sd_n_m.max(noise_sd_n_m.unwrap_or_default());
+        let own = Sensor::new(SensorFile { noise_sd_n_m, ..own }, entry.planar_axis(), entry.modulo);
         Ok(Counts::new(own, has_reference, neighbours, entry.zeroing_s, self.mapping.timing, rate_hz))
     }
 }

@@ -324,6 +324,7 @@ impl<S: Geometry> Whisker for Estimation<S> {
         if let Some(counts) = &self.counts {
             values.push(("counts_incomplete", counts.incomplete().to_string()));
             values.push(("counts_late", counts.late().to_string()));
+            values.push(("zeroings_repeated", counts.zeroings_repeated().to_string()));
         }
         values.extend(
             self.deviation

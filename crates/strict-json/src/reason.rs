@@ -12,6 +12,10 @@ pub fn reason(error: &serde_json::Error) -> String {
     if ["expected value", "expected ident"].contains(&text) {
         return "expected a JSON value".into();
     }
+    // After the value, or after the last entry of a list of fixed length.
+    if text == "trailing characters" {
+        return "found further characters, expected the end of the value".into();
+    }
     let Some((found, expected)) = text.rsplit_once(", expected ") else { return text.into() };
     if let Some(length) = found.strip_prefix("invalid length ") {
         return format!("found a list of {length}, expected {}", kind(expected));
@@ -98,6 +102,7 @@ mod tests {
         assert_eq!(of::<Settings>("[]"), "found a list of 0, expected an object");
         assert_eq!(of::<[f64; 2]>("[1]"), "found a list of 1, expected a list of 2");
         assert_eq!(of::<(f64, f64)>("[1]"), "found a list of 1, expected a list of 2");
+        assert_eq!(of::<[f64; 2]>("[1, 2, 3]"), "found further characters, expected the end of the value");
         assert_eq!(of::<Settings>("3"), "found 3, expected an object");
         assert_eq!(of::<Tagged>("3"), "found 3, expected an object");
         assert_eq!(of::<Settings>(r#"{"gian": 1}"#), "unknown field `gian`, expected `gain`");

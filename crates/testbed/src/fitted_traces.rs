@@ -17,6 +17,12 @@ pub fn check_is_calibration(path: &Path, folder: Option<&Path>, other: &str) -> 
     if path.is_file() {
         return Ok(());
     }
+    if path.is_dir() {
+        bail!("{}: found a folder, expected a calibration (.json)", path.display());
+    }
+    if let Some(file) = path.parent().filter(|parent| parent.is_file()) {
+        bail!("{}: found a file, expected the folder of the calibrations", file.display());
+    }
     let folder = folder.map_or_else(String::new, |folder| format!(" {}", folder.display()));
     bail!(
         "{}: no such calibration; make it by `whisker fit{folder}`, with the same --front-end, or name {other}",
@@ -91,8 +97,13 @@ fn folder_of_traces(path: &Path) -> anyhow::Result<Option<PathBuf>> {
     Ok(above_calibrations(&absolute).map(Path::to_path_buf))
 }
 
+/// Folder whose traces a calibration with this path is fitted to. `None` if it does not lie in a folder `calibrations`.
+pub fn fitted_folder(path: &Path) -> Option<&Path> {
+    above_calibrations(path).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+}
+
 /// Folder that contains the folder `calibrations` in this path, empty if the path begins with `calibrations`.
-pub(crate) fn above_calibrations(path: &Path) -> Option<&Path> {
+fn above_calibrations(path: &Path) -> Option<&Path> {
     path.ancestors().find(|folder| folder.file_name().is_some_and(|name| name == CALIBRATIONS))?.parent()
 }
 

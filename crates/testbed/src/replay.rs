@@ -13,11 +13,12 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 use trace::{CalibrationFile, Recording, SensorFile, Sidecar};
 use whisker::estimators::{
-    BaseNoise, CarriedOutline, Estimate, Estimator, EstimatorRow, Knowledge, Method, Runner, Sample,
+    self, BaseNoise, CarriedOutline, ESTIMATORS, Estimate, Estimator, EstimatorRow, Knowledge, Method, Runner, Sample,
 };
 use whisker::events::{ContactDetector, Signals, TouchConfig};
 use whisker::frames::Pose;
 use whisker::sensor::{CalibratedFace, Face};
+use whisker::space::estimators::spatial_estimator;
 
 use crate::seeds::derived_seed;
 use crate::settings::SettingsOf;
@@ -79,6 +80,18 @@ pub fn knowledge(sidecar: &Sidecar, faces: &[Arc<CalibratedFace>], noise_sd_n_m:
         base_noise: BaseNoise::default(),
         rate_hz: sidecar.rate_hz,
         contact_prior: None,
+    })
+}
+
+/// The row of this name in the registry of planar estimators.
+///
+/// # Errors
+/// If there is none.
+pub fn registered(name: &str) -> anyhow::Result<&'static EstimatorRow> {
+    estimators::estimator(name).with_context(|| {
+        let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
+        let hint = if spatial_estimator(name).is_some() { " (it is one for traces in space)" } else { "" };
+        format!("unknown estimator `{name}`{hint}, expected one of: {}", known.join(", "))
     })
 }
 

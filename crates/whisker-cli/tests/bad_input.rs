@@ -303,7 +303,11 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
         let arguments = [&["evaluate", space, "--results", out], options].concat();
         fails(&arguments, words);
     };
-    evaluate(&["--estimators", "ukf"], &["unknown estimator in space `ukf`", "line, point"]);
+    evaluate(
+        &["--estimators", "ukf"],
+        &["unknown estimator in space `ukf` (it is one for planar traces)", "line, point"],
+    );
+    evaluate(&["--estimators", "line, sphere, nobody"], &["unknown estimator in space `nobody`"]);
     evaluate(&["--noise", "0.01,0.02"], &["--noise: found 2 levels, expected one"]);
     evaluate(&["--encoders", "{}"], &["--encoders: does not apply to traces in space"]);
     evaluate(&["--starts", "wrong"], &["--starts: does not apply to traces in space"]);
@@ -322,6 +326,10 @@ fn robust_options_and_inputs_that_do_not_apply_to_traces_in_space() {
     evaluate(&["--estimators", "line"], &["calibrations/curved.json", "no such calibration"]);
     evaluate(&["--front-end", "hall"], &["calibrations/hall/curved.json", "no such calibration"]);
     evaluate(&["--front-end", "optical"], &unknown);
+    fs::write(&settings, "\u{feff}{\"gap_m\": 0}").unwrap();
+    let (hall, file) = (["--front-end", "hall", "--front-end-config"], settings.to_str().unwrap());
+    evaluate(&[&hall[..], &[file]].concat(), &["settings.json: settings of the front end `hall`", "gap_m"]);
+    evaluate(&["--calibrations", file], &["settings.json: found a file, expected the folder of the calibrations"]);
     let replay = |options: &[&str], words: &[&str]| {
         let trace = "datasets/golden/space/golden_space.csv";
         fails(&[&["replay", trace], options].concat(), words);

@@ -378,6 +378,9 @@ fn robust_a_refused_first_line_states_that_later_lines_are_refused_too() {
     let valid = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-7}"#;
     let (errors, _) = said(&[&calibration], &format!("{valid}\n{wrong}\n"));
     assert!(errors.contains("; the line is left out (further"), "{errors}");
+    let (errors, refused) = said(&[&calibration], &format!("{valid}\n{reading}\n{valid}\n"));
+    assert!(errors.contains("stdin: line 3: found a second first line"), "{errors}");
+    assert_eq!(refused, 1, "{errors}");
 }
 
 /// Asserts that the command ends with one error that contains these words.

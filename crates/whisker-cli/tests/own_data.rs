@@ -259,6 +259,13 @@ fn robust_mapping_with_neither_column_nor_value() {
 }
 
 #[test]
+fn robust_recording_named_like_an_outline() {
+    let change =
+        |text: String| text.replacen("\"trial_1.csv\",", "\"trial_1.csv\", \"name\": \"calibration_1.contour\",", 1);
+    fails(change, &["recordings[4].name", "`calibration_1.contour`", "a name that does not end in `.contour`"]);
+}
+
+#[test]
 fn robust_missing_column() {
     let change = |text: String| text.replacen("flange_y_mm", "flange_z_mm", 1);
     fails(change, &["calibration_1.csv:1", "header", "flange_y_mm", "one column `flange_z_mm`"]);

@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
-use anyhow::Context;
 use serde_json::Value;
 use testbed::replay::{self, Replay};
 use testbed::results::RunEstimator;
 use testbed::settings::merged_of;
-use whisker::estimators::{self, ESTIMATORS, EstimatorRow, Knowledge};
+use whisker::estimators::{EstimatorRow, Knowledge};
 
 use super::{Participant, Task};
 
@@ -23,10 +22,7 @@ impl Registered {
     /// # Errors
     /// If the name is unknown or the settings are not a JSON object.
     pub fn new(name: &str, overrides: &Value) -> anyhow::Result<Self> {
-        let row = estimators::estimator(name).with_context(|| {
-            let known: Vec<_> = ESTIMATORS.iter().map(|row| row.name).collect();
-            format!("unknown estimator `{name}`, expected one of: {}", known.join(", "))
-        })?;
+        let row = replay::registered(name)?;
         let config = merged_of(name, (row.defaults)(), overrides)?;
         Ok(Self { row, config })
     }

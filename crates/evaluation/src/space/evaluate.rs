@@ -1,6 +1,6 @@
 //! Evaluation of estimators in space: every trial of a dataset, replayed with seeded noise and scored against the truth.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -61,19 +61,33 @@ impl SpatialEvaluateSettings {
     pub(super) fn calibrations(&self, dataset: &Dataset) -> anyhow::Result<Calibrations> {
         let default = || dataset.calibrations(&self.front_end.name);
         let folder = self.calibrations.clone().unwrap_or_else(default);
-        let mut found = Calibrations::new();
+        let mut whiskers: BTreeSet<String> = BTreeSet::new();
         for path in &dataset.paths {
             let SpatialSidecar { role, whisker, .. } = SpatialSidecar::read(path)?;
-            if role != Role::Trial || found.contains_key(&whisker.name) {
-                continue;
+            if role == Role::Trial {
+                whiskers.insert(whisker.name);
             }
-            let path = folder.join(format!("{}.json", whisker.name));
+        }
+        let path = |whisker: &String| folder.join(format!("{whisker}.json"));
+        let (present, missing): (Vec<&String>, Vec<&String>) = whiskers.iter().partition(|name| path(name).exists());
+        if let (Some(_), Some(_), true) = (&self.calibrations, present.first(), !missing.is_empty()) {
+            let names: Vec<&str> = missing.iter().map(|name| name.as_str()).collect();
+            bail!(
+                "{}: found no calibrations of the whiskers {}, expected one of each whisker of the trials: copy the missing ones to this \
+                 folder, or evaluate only the trials of the other whiskers",
+                folder.display(),
+                names.join(", ")
+            );
+        }
+        let mut found = Calibrations::new();
+        for name in whiskers {
+            let path = path(&name);
             check_is_calibration(&path, None, OTHERS)?;
             let file = read_fitted(&path)?;
             if self.calibrations.is_none() {
                 check_fitted_to_all(&path, &file, dataset)?;
             }
-            found.insert(whisker.name, (path, file));
+            found.insert(name, (path, file));
         }
         Ok(found)
     }

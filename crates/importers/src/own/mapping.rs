@@ -155,6 +155,9 @@ pub(crate) struct Layout<'a> {
     pub(crate) gaps: Gaps,
 }
 
+/// Suffix of the names of outlines, before the extension.
+const OUTLINE_SUFFIX: &str = ".contour";
+
 /// A recording to import.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, bound = "G: Geometry")]
@@ -211,6 +214,10 @@ impl<G: Geometry> RecordingEntry<G> {
             if !is_plain_name(text) {
                 return Err(Error::value(path, format!("{key}.{part}"), format!("`{text}`"), "a plain file name"));
             }
+        }
+        if name.ends_with(OUTLINE_SUFFIX) {
+            let expected = format!("a name that does not end in `{OUTLINE_SUFFIX}`, which is reserved for outlines");
+            return Err(Error::value(path, format!("{key}.name"), format!("`{name}`"), expected));
         }
         self.contact.as_ref().map_or(Ok(()), |contact| contact.validate(path, &format!("{key}.contact")))
     }

@@ -6,17 +6,19 @@ use nalgebra::Vector2;
 use trace::BendingSensor;
 
 use super::zeroing::Zeroing;
-use super::{Conversion, Converted, Reading, Stream};
+use super::{Conversion, Converted, Reading, Stream, is_steady};
 use crate::clock::{Clock, Order};
 use crate::timing::Timing;
 
 /// Conversion of the counts of a whisker in space into both bending moments.
 ///
-/// In the first `zeroing_s` the whisker is free: the mean of its counts is the zero. If the clock is set back to before the end of
-/// the zeroing, it is repeated, as by [`super::Counts`].
+/// In the first `zeroing_s` the whisker is free: the mean of its counts is the zero. The zeroing is repeated if the counts have changed
+/// by more than a free whisker's, or if the clock is set back to before its end, as by [`super::Counts`].
 #[derive(Clone, Debug)]
 pub struct BendingCounts {
     sensor: BendingSensor,
+    /// Largest moment of the calibration (N m).
+    largest_n_m: f64,
     /// Axes of the magnetometer that are its channels.
     axes: [usize; 2],
     zeroing: Zeroing<2>,
@@ -29,13 +31,16 @@ pub struct BendingCounts {
     converted: VecDeque<Converted<Vector2<f64>>>,
     /// Number of counts that are not finite.
     not_finite: u64,
+    zeroings_repeated: u64,
 }
 
 impl BendingCounts {
-    /// Conversion of the counts of a sensor, read on these axes (0 to 2). `modulo` is the number of values of a counter that wraps, if
+    /// Conversion of the counts of a sensor, with `largest_n_m` the largest moment of its calibration (N m), read on these axes (0 to 2).
+    /// `modulo` is the number of values of a counter that wraps, if
     /// it does; `zeroing_s` the duration of the zeroing (s), `rate_hz` the rate of the counts (Hz).
     pub fn new(
         sensor: BendingSensor,
+        largest_n_m: f64,
         axes: [usize; 2],
         modulo: Option<f64>,
         zeroing_s: f64,
@@ -44,6 +49,7 @@ impl BendingCounts {
     ) -> Self {
         Self {
             sensor,
+            largest_n_m,
             axes,
             zeroing: Zeroing::new(modulo),
             zeroing_s,
@@ -52,6 +58,7 @@ impl BendingCounts {
             first_s: None,
             converted: VecDeque::new(),
             not_finite: 0,
+            zeroings_repeated: 0,
         }
     }
 
@@ -74,8 +81,28 @@ impl BendingCounts {
             return Some(self.sensor.counts_per_n_m.moment_n_m(counts - zero));
         }
         let is_last = t_s - *self.first_s.get_or_insert(t_s) >= self.zeroing_s;
-        self.zeroing.rest(counts, is_last);
+        self.zeroing.rest(counts);
+        if is_last {
+            if self.is_steady() {
+                self.zeroing.end();
+            } else {
+                self.zeroing.repeat();
+                self.first_s = None;
+                self.zeroings_repeated += 1;
+            }
+        }
         None
+    }
+
+    /// Whether the moments have not changed during the zeroing by more than those of a free whisker.
+    fn is_steady(&self) -> bool {
+        let BendingSensor { counts_per_n_m, noise_sd_n_m } = &self.sensor;
+        self.zeroing.range().is_none_or(|[low, high]| {
+            // The channels may have changed in the same direction or in opposite ones.
+            let [x, y] = (high - low).into();
+            let changes_n_m = [y, -y].map(|y| counts_per_n_m.moment_n_m(Vector2::new(x, y)).norm());
+            is_steady(changes_n_m[0].max(changes_n_m[1]), *noise_sd_n_m, self.largest_n_m)
+        })
     }
 }
 
@@ -110,6 +137,10 @@ impl Conversion for BendingCounts {
     fn late(&self) -> u64 {
         0
     }
+
+    fn zeroings_repeated(&self) -> u64 {
+        self.zeroings_repeated
+    }
 }
 
 #[cfg(test)]
@@ -129,7 +160,7 @@ mod tests {
     fn conversion() -> BendingCounts {
         let counts_per_n_m = BendingResponse::new(response()).expect("it can be inverted");
         let sensor = BendingSensor { counts_per_n_m, noise_sd_n_m: 1e-7 };
-        BendingCounts::new(sensor, [2, 0], Some(MODULO), 1.0, Timing::default(), RATE_HZ)
+        BendingCounts::new(sensor, 1e-5, [2, 0], Some(MODULO), 1.0, Timing::default(), RATE_HZ)
     }
 
     /// Moments from constant counts above rest of `length_s` from `t_s` on, which arrive at the same times.
@@ -180,5 +211,27 @@ mod tests {
         assert!(at_rest[4..].iter().all(|moment| moment.norm() < 1e-12), "{at_rest:?}");
         counts.take(Stream::Own, 2.0, [f64::NAN, 0.0, 0.0], 5.0);
         assert_eq!((counts.next(5.0), counts.incomplete()), (None, 1));
+    }
+
+    #[test]
+    fn robust_the_zeroing_is_repeated_while_the_whisker_is_not_free() {
+        let mut counts = conversion();
+        let pressed = response() * Vector2::new(5e-6, 0.0);
+        converted(&mut counts, 0.0, 0.0, 0.5, pressed);
+        converted(&mut counts, 0.504, 0.504, 0.5, Vector2::zeros());
+        assert_eq!((counts.zeroing.zero(), counts.zeroings_repeated()), (None, 1));
+        let found = converted(&mut counts, 1.008, 1.008, 1.1, Vector2::zeros());
+        assert_eq!((found.len(), counts.zeroings_repeated()), (26, 1));
+        assert!(found.iter().all(|found| found.norm() < 1e-15), "{found:?}");
+    }
+
+    #[test]
+    fn robust_steps_of_a_converter_do_not_repeat_the_zeroing() {
+        let sensor = BendingSensor { noise_sd_n_m: 0.0, ..conversion().sensor };
+        let mut counts = BendingCounts { sensor, ..conversion() };
+        converted(&mut counts, 0.0, 0.0, 0.5, Vector2::zeros());
+        // 1.3 % of the largest moment.
+        converted(&mut counts, 0.504, 0.504, 0.5, response() * Vector2::new(1e-7, 8e-8));
+        assert!(counts.zeroing.zero().is_some());
     }
 }

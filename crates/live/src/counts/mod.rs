@@ -5,10 +5,11 @@
 //!     -> cross-talk compensation -> characteristic -> reading
 //! ```
 //!
-//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. If the clock of a
-//! sensor is set back to before the end of the zeroing, as by a recording in a loop, the conversion begins anew with the zeroing.
-//! After a smaller step back, or a wrong time stamp, the zeros are kept, since the whisker may be in contact. [`BendingCounts`]
-//! converts the counts of a sensor with two channels, in space.
+//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. The zeroing is repeated
+//! if the counts change during it by more than those of a free whisker. If the clock of a sensor is set back to before the end of the
+//! zeroing, as by a recording in a loop, the conversion begins anew with the zeroing. After a smaller step back, or a wrong time
+//! stamp, the zeros are kept, since the whisker may be in contact. [`BendingCounts`] converts the counts of a sensor with two
+//! channels, in space.
 
 mod bending;
 mod zeroing;
@@ -31,6 +32,19 @@ pub const ZEROING_S: f64 = 1.0;
 
 /// Shortest and longest zeroing (s).
 pub const ZEROINGS_S: [f64; 2] = [0.01, 60.0];
+
+/// Largest change of the reading of a free whisker during the zeroing, in standard deviations of the noise: about three times the range
+/// of a thousand readings of a normal distribution.
+const STEADY_SDS: f64 = 20.0;
+
+/// Change of the reading during the zeroing that is always accepted, relative to the largest calibrated reading. It equals the share
+/// above which contact is detected whatever the offset of the sensor is ([`whisker::events`]).
+const STEADY_SHARE: f64 = 0.03;
+
+/// Whether the reading of a free whisker may change by this (N m).
+fn is_steady(change_n_m: f64, noise_sd_n_m: f64, largest_n_m: f64) -> bool {
+    change_n_m <= (STEADY_SDS * noise_sd_n_m).max(STEADY_SHARE * largest_n_m)
+}
 
 /// Smallest and largest number of values of a counter that wraps.
 pub const MODULI: [f64; 2] = [2.0, 4_294_967_296.0];
@@ -68,6 +82,9 @@ pub trait Conversion {
 
     /// Number of counts left out, since they arrived after later ones had been converted.
     fn late(&self) -> u64;
+
+    /// Number of times that the zeroing was repeated, since the counts had changed. Repetitions after a clock was set back do not count.
+    fn zeroings_repeated(&self) -> u64;
 }
 
 /// Counts that have been converted, or left out.
@@ -135,9 +152,20 @@ impl Sensor {
         counts - self.file.common_mode[0] * reference[0] - self.file.common_mode[1] * reference[1]
     }
 
-    /// Takes compensated counts at rest; the last ones determine the zero.
-    fn rest(&mut self, compensated: f64, is_last: bool) {
-        self.zeroing.rest(Vector1::new(compensated), is_last);
+    /// Takes compensated counts at rest.
+    fn rest(&mut self, compensated: f64) {
+        self.zeroing.rest(Vector1::new(compensated));
+    }
+
+    /// Whether the readings have not changed during the zeroing by more than those of a free whisker.
+    fn is_steady(&self) -> bool {
+        let SensorFile { characteristic, noise_sd_n_m, .. } = &self.file;
+        let largest_n_m = characteristic.range_n_m.into_iter().map(f64::abs).fold(0.0, f64::max);
+        self.zeroing.range().is_none_or(|[low, high]| {
+            let middle = 0.5 * (low.x + high.x);
+            let [low_n_m, high_n_m] = [low.x, high.x].map(|counts| characteristic.moment_n_m(counts - middle));
+            is_steady((high_n_m - low_n_m).abs(), *noise_sd_n_m, largest_n_m)
+        })
     }
 }
 
@@ -158,6 +186,7 @@ pub struct Counts {
     waiting: VecDeque<(f64, f64, f64)>,
     incomplete: u64,
     late: u64,
+    zeroings_repeated: u64,
 }
 
 impl Counts {
@@ -171,10 +200,20 @@ impl Counts {
         timing: Timing,
         rate_hz: f64,
     ) -> Self {
-        let reference = has_reference.then(Samples::default);
-        let (first_s, latest_s, waiting, incomplete, late) = (None, None, VecDeque::new(), 0, 0);
-        let jump_s = timing.smallest_jump_s(rate_hz);
-        Self { own, reference, neighbours, zeroing_s, first_s, latest_s, timing, jump_s, waiting, incomplete, late }
+        Self {
+            own,
+            reference: has_reference.then(Samples::default),
+            neighbours,
+            zeroing_s,
+            first_s: None,
+            latest_s: None,
+            timing,
+            jump_s: timing.smallest_jump_s(rate_hz),
+            waiting: VecDeque::new(),
+            incomplete: 0,
+            late: 0,
+            zeroings_repeated: 0,
+        }
     }
 
     /// Restarts after a clock was set back to `t_s`. If this lies before the end of the zeroing, the zeroing is repeated. Counts
@@ -237,15 +276,34 @@ impl Counts {
             sensor.samples.settle(required_s);
             let compensated = sensor.compensated(*counts, reference);
             match sensor.zero() {
-                None => sensor.rest(compensated, is_last),
+                None => sensor.rest(compensated),
                 Some(zero) => talk += cross_talk.counts(sensor.file.characteristic.moment_n_m(compensated - zero)),
             }
         }
         let Some(zero) = zero else {
-            self.own.rest(compensated, is_last);
+            self.own.rest(compensated);
+            if is_last {
+                self.end_zeroing();
+            }
             return None;
         };
         Some(self.own.file.characteristic.moment_n_m(compensated - zero - talk))
+    }
+
+    /// Ends the zeroing, or repeats it if a whisker was not free.
+    fn end_zeroing(&mut self) {
+        let is_steady = self.own.is_steady() && self.neighbours.iter().all(|(_, sensor)| sensor.is_steady());
+        if !is_steady {
+            self.first_s = None;
+            self.zeroings_repeated += 1;
+        }
+        for sensor in self.neighbours.iter_mut().map(|(_, sensor)| sensor).chain([&mut self.own]) {
+            if is_steady {
+                sensor.zeroing.end();
+            } else {
+                sensor.zeroing.repeat();
+            }
+        }
     }
 }
 
@@ -316,6 +374,10 @@ impl Conversion for Counts {
     fn late(&self) -> u64 {
         self.late
     }
+
+    fn zeroings_repeated(&self) -> u64 {
+        self.zeroings_repeated
+    }
 }
 
 #[cfg(test)]
@@ -378,6 +440,18 @@ mod tests {
         let mut counts = zeroed();
         assert_pressed(&converted(&mut counts, 2.0, 2.0, 1.0, REST + PRESSED), 251);
         assert_pressed(&converted(&mut counts, 2.5, 3.004, 2.0, REST + PRESSED), 501);
+    }
+
+    #[test]
+    fn robust_the_zeroing_is_repeated_while_the_whisker_is_not_free() {
+        let mut counts = zeroed();
+        counts.restart(0.0);
+        assert!(converted(&mut counts, 0.0, 2.0, 0.5, REST + PRESSED).is_empty());
+        assert!(converted(&mut counts, 0.504, 2.504, 0.5, REST).is_empty());
+        assert_eq!((counts.own.zero(), counts.zeroings_repeated()), (None, 1));
+        let at_rest_n_m = converted(&mut counts, 1.008, 3.008, 1.1, REST);
+        assert_eq!((at_rest_n_m.len(), counts.zeroings_repeated()), (26, 1));
+        assert!(at_rest_n_m.iter().all(|reading_n_m| reading_n_m.abs() < 1e-9), "{at_rest_n_m:?}");
     }
 
     #[test]

@@ -8,14 +8,23 @@ pub(super) struct Zeroing<const N: usize> {
     /// Number of values of a counter that wraps. `None` if it does not wrap.
     modulo: Option<f64>,
     last: Option<SVector<f64, N>>,
-    /// Sum and number of the counts at rest so far, while the zero is determined.
-    at_rest: (SVector<f64, N>, u32),
+    /// The counts at rest so far, while the zero is determined.
+    at_rest: Option<AtRest<N>>,
     zero: Option<SVector<f64, N>>,
+}
+
+/// Sum, number, and smallest and largest values of counts at rest.
+#[derive(Clone, Debug)]
+struct AtRest<const N: usize> {
+    sum: SVector<f64, N>,
+    number: u32,
+    low: SVector<f64, N>,
+    high: SVector<f64, N>,
 }
 
 impl<const N: usize> Zeroing<N> {
     pub(super) fn new(modulo: Option<f64>) -> Self {
-        Self { modulo, last: None, at_rest: (SVector::zeros(), 0), zero: None }
+        Self { modulo, last: None, at_rest: None, zero: None }
     }
 
     /// Mean of the counts at rest. `None` while it is determined.
@@ -35,14 +44,28 @@ impl<const N: usize> Zeroing<N> {
         continued
     }
 
-    /// Takes counts at rest; the last ones determine the zero.
-    pub(super) fn rest(&mut self, counts: SVector<f64, N>, is_last: bool) {
-        let (sum, number) = &mut self.at_rest;
+    /// Takes counts at rest.
+    pub(super) fn rest(&mut self, counts: SVector<f64, N>) {
+        let first = || AtRest { sum: SVector::zeros(), number: 0, low: counts, high: counts };
+        let AtRest { sum, number, low, high } = self.at_rest.get_or_insert_with(first);
         *sum += counts;
         *number += 1;
-        if is_last {
-            self.zero = Some(*sum / f64::from(*number));
-        }
+        (*low, *high) = (low.inf(&counts), high.sup(&counts));
+    }
+
+    /// Smallest and largest counts at rest so far. `None` without any.
+    pub(super) fn range(&self) -> Option<[SVector<f64, N>; 2]> {
+        self.at_rest.as_ref().map(|at_rest| [at_rest.low, at_rest.high])
+    }
+
+    /// The counts at rest so far determine the zero.
+    pub(super) fn end(&mut self) {
+        self.zero = self.at_rest.as_ref().map(|at_rest| at_rest.sum / f64::from(at_rest.number));
+    }
+
+    /// Discards the counts at rest so far: the whisker was not free.
+    pub(super) fn repeat(&mut self) {
+        self.at_rest = None;
     }
 
     /// Determines the zero anew.

@@ -65,7 +65,7 @@ const COLUMNS: [Column; 15] = [
     Column {
         heading: "NEES",
         unit: "per degree of freedom",
-        meaning: "mean normalised squared error over trials and instants, on which the verdict is based; 1 for a consistent method",
+        meaning: "normalised estimation error squared, mean over instants and trials; 1 for a consistent method; the verdict is based on it",
         value: |row| row.nees_mean,
         decimals: 2,
         is_ranked: false,

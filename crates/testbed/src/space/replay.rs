@@ -9,6 +9,7 @@ use anyhow::{Context, bail};
 use nalgebra::Vector2;
 use serde_json::Value;
 use trace::{SpatialCalibrationFile, SpatialPose, SpatialSensor, SpatialSidecar, SpatialTrace};
+use whisker::estimators;
 use whisker::events::TouchConfig;
 use whisker::frames::{Base, World};
 use whisker::space::estimators::{
@@ -18,7 +19,7 @@ use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
-use crate::fitted_traces::{above_calibrations, check_fitted_traces, check_is_calibration};
+use crate::fitted_traces::{check_fitted_traces, check_is_calibration, fitted_folder};
 use crate::settings::SettingsOf;
 
 /// The registry's row of this name.
@@ -28,7 +29,8 @@ use crate::settings::SettingsOf;
 pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
     spatial_estimator(name).with_context(|| {
         let known: Vec<_> = SPATIAL_ESTIMATORS.iter().map(|row| row.name).collect();
-        format!("unknown estimator in space `{name}`, expected one of: {}", known.join(", "))
+        let hint = if estimators::estimator(name).is_some() { " (it is one for planar traces)" } else { "" };
+        format!("unknown estimator in space `{name}`{hint}, expected one of: {}", known.join(", "))
     })
 }
 
@@ -37,9 +39,7 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
 /// # Errors
 /// As [`read_fitted`]. The error for a missing file states how to make it.
 pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
-    let folder =
-        above_calibrations(path).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
-    check_is_calibration(path, folder, "another by --calibration")?;
+    check_is_calibration(path, fitted_folder(path), "another by --calibration")?;
     read_fitted(path)
 }
 

@@ -48,9 +48,9 @@ const FAILING: [Failing; 2] = [
 struct Kind {
     name: &'static str,
     what: &'static str,
-    /// Those with a bound of an unknown object.
+    /// Solids for which the bound of an unknown object is defined.
     with_bound: &'static str,
-    /// Largest share of failed replays (%).
+    /// Largest share of failed replays, and smallest one of those whose bound exceeds the error of a failure (%).
     most: f64,
     is_smooth: bool,
 }

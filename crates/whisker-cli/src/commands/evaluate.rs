@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
-use testbed::front_end::{FrontEnd, SpatialFrontEnd};
+use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
@@ -30,7 +30,7 @@ use whisker::events::{FORMER_NAMES, TouchConfig};
 use super::output::{check_apart, lies_in, reserve_folder};
 use super::progress::Progress;
 use super::space::{Evaluation, evaluate_in_space};
-use super::{FINISHED_WITH_FAILURES, front_end, in_file, is_literal, json, noise_fraction, print, table};
+use super::{FINISHED_WITH_FAILURES, front_end, in_file, is_literal, json, noise_fraction, print, table, trimmed};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
@@ -102,7 +102,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     calibrations: Option<PathBuf>,
     /// Estimators, separated by commas (`whisker list estimators`; for traces in space `space-estimators`) [default: all]
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', value_parser = trimmed)]
     estimators: Option<Vec<String>>,
     /// External estimator, a program that reads samples and writes estimates as JSON lines (docs/your-estimator.md);
     /// may be repeated
@@ -185,7 +185,7 @@ fn evaluate_all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         return in_space(arguments, &datasets, config, programs);
     }
-    let front_end = FrontEnd::new(&choice)?;
+    let front_end = arguments.front_end.in_plane()?;
     let (noise, noise_unit) = match &arguments.noise {
         Some(levels) => (levels.clone(), arguments.noise_unit.map_or_else(NoiseUnit::default, Into::into)),
         None if states_noise(&datasets, &front_end)? => (vec![1.0], NoiseUnit::Stated),
@@ -246,7 +246,7 @@ fn in_space(
     programs: Vec<Program>,
 ) -> anyhow::Result<ExitCode> {
     let choice = arguments.front_end.choice();
-    let front_end = SpatialFrontEnd::new(&choice)?;
+    let front_end = arguments.front_end.in_space()?;
     let [dataset] = datasets else {
         bail!("found {} inputs, expected one suite or folder of traces in space", datasets.len())
     };

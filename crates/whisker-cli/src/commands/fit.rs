@@ -11,7 +11,7 @@ use evaluation::space::fit::SpatialFitSettings;
 use files::OutputLock;
 use serde_json::Value;
 use testbed::dataset::{CALIBRATIONS, Dataset};
-use testbed::front_end::{FrontEnd, Mounting, SpatialFrontEnd};
+use testbed::front_end::Mounting;
 use trace::{CalibrationFile, is_plain_name};
 use whisker::sensor::{AlongAway, Face, PinFriction};
 
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if dataset.is_spatial()? {
         return in_space(arguments, &dataset, models);
     }
-    let front_end = FrontEnd::new(&choice)?;
+    let front_end = arguments.front_end.in_plane()?;
     if !arguments.sensors.is_empty() && !front_end.has_sensor() {
         bail!(
             "--sensors: found with the front end `{}`, which has no sensor to calibrate, expected with one that has, for example \
@@ -97,6 +97,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     for reason in fitted.iter().flat_map(|whisker| &whisker.no_sensor) {
         eprintln!("{NO_SENSOR}: {reason}");
+    }
+    for CalibrationFile { whisker, noise_fraction, sensor, traces, .. } in fitted.iter().map(|of| &of.calibration) {
+        note_noise(arguments.noise, *noise_fraction, &whisker.name);
+        if sensor.is_some() && traces.len() == 1 {
+            eprintln!(
+                "note: whisker `{}`: fitted to a single recording, parts of which are held out; the error on another recording may be \
+                larger",
+                whisker.name
+            );
+        }
     }
     let mut rows = Vec::new();
     for whisker in &fitted {
@@ -146,11 +156,20 @@ fn in_space(arguments: &Arguments, dataset: &Dataset, models: Models) -> anyhow:
         bail!("--sensors: does not apply to traces in space, each of whose whiskers has a sensor of its own");
     }
     let choice = arguments.front_end.choice();
-    let front_end = SpatialFrontEnd::new(&choice)?;
+    let front_end = arguments.front_end.in_space()?;
     let noise = arguments.noise.unwrap_or(front_end.row.noise);
     let settings = SpatialFitSettings { models, noise, seed: arguments.seed, front_end: choice };
     let (out, _lock) = reserved(arguments, dataset, front_end.row.name)?;
-    fit_in_space(dataset, &settings, &out)
+    fit_in_space(dataset, &settings, arguments.noise, &out)
+}
+
+/// Prints a note if the noise of `--noise` was not added to the readings of a whisker.
+pub(super) fn note_noise(stated: Option<f64>, added: f64, whisker: &str) {
+    if let Some(stated) = stated.filter(|stated| *stated != added) {
+        eprintln!(
+            "note: whisker `{whisker}`: --noise {stated} was not added, since the readings of recordings contain noise"
+        );
+    }
 }
 
 /// The folder of the calibrations, and its lock.

@@ -8,7 +8,7 @@ use std::slice;
 
 use anyhow::{Context, bail};
 use evaluation::plausibility::{Finding, Subject, spatial_findings};
-use files::{Error, check_replaces_own, read_json, write_atomically};
+use files::{Error, StagedFiles, check_replaces_own, read_json, write_atomically};
 use importers::{IMPORTERS, Imported, importer};
 use serde_json::Value;
 use trace::{Outline, Role, Sidecar, SpatialSidecar, SpatialTrace, Trace, is_trace_table};
@@ -79,16 +79,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let spatial = imported.spatial_traces.iter().map(|trace| &trace.sidecar.name);
     let names: BTreeSet<String> = planar.chain(spatial).cloned().collect();
     let others = others(&out, &names)?;
-    // Outlines first: the sidecars of the traces name them.
-    for (file, outline) in &imported.outlines {
-        write_atomically(&out.join(file), outline.to_csv().as_bytes())?;
-    }
-    for trace in &imported.traces {
-        trace.write(&out)?;
-    }
-    for trace in &imported.spatial_traces {
-        trace.write(&out)?;
-    }
+    let staged = StagedFiles::create(&out)?;
+    write(&imported, staged.folder()).with_context(|| format!("{}: nothing was changed", out.display()))?;
+    staged.finish()?;
     print(&format!("{}{}\n", contents(&imported), out.display()))?;
     if !others.is_empty() {
         let (folder, names) = (out.display(), others.join(", "));
@@ -104,6 +97,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     print_findings(planar.chain(spatial));
     print_failures(&imported.failures);
     Ok(if imported.failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) })
+}
+
+/// Writes traces and outlines into a folder.
+fn write(imported: &Imported, folder: &Path) -> Result<(), Error> {
+    for (file, outline) in &imported.outlines {
+        write_atomically(&folder.join(file), outline.to_csv().as_bytes())?;
+    }
+    for trace in &imported.traces {
+        trace.write(folder)?;
+    }
+    for trace in &imported.spatial_traces {
+        trace.write(folder)?;
+    }
+    Ok(())
 }
 
 /// Names of the traces in a folder, except for some. A recording that was renamed, removed or is now refused has left its trace there.

@@ -25,7 +25,7 @@ mod space;
 mod table;
 
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -116,9 +116,17 @@ fn diagnose(line: &str) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
+/// Parses a name in a list, which spaces may surround.
+fn trimmed(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("found an empty name, expected names separated by commas".into()),
+        name => Ok(name.into()),
+    }
+}
+
 /// Parses measurement noise as a fraction of the largest reading.
 fn noise_fraction(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
+    match text.trim().parse::<f64>() {
         Ok(value) if (0.0..=MOST_NOISE).contains(&value) => Ok(value),
         _ => Err(format!("expected a fraction of the largest reading, 0 to {MOST_NOISE}, for example 0.01")),
     }
@@ -148,6 +156,19 @@ fn in_file<T>(file: Option<&Path>, result: anyhow::Result<T>) -> anyhow::Result<
         Some(path) if error.is::<SettingsOf>() => error.context(path.display().to_string()),
         _ => error,
     })
+}
+
+/// A JSON object, and its file unless it is given literally.
+#[derive(Clone)]
+struct JsonOrFile {
+    value: Value,
+    file: Option<PathBuf>,
+}
+
+impl JsonOrFile {
+    fn parsed(text: &str) -> Result<Self, String> {
+        Ok(Self { value: json_or_file(text)?, file: (!is_literal(text)).then(|| text.into()) })
+    }
 }
 
 /// Parses a JSON object, given literally or as a file.

@@ -3,21 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::fitted_traces::{check_fitted_traces, check_is_calibration};
 use testbed::front_end::{FrontEnd, Mounting, Reader, Reading, SpatialFrontEnd};
-use testbed::replay::{check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
+use testbed::replay::{self, check_calibration, estimator, knowledge, noise_sd_n_m, read_by};
 use testbed::results::RECOMMENDED;
 use testbed::settings::merged_of;
 use testbed::space;
 use trace::{CalibrationFile, Instant, Sidecar, Trace, TraceRows};
-use whisker::estimators::{self, Estimator, EstimatorRow, Knowledge, MethodClass};
+use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::SpatialEstimatorRow;
 
-use super::{front_end, in_file, is_literal, json_or_file, noise_fraction, seed};
+use super::{JsonOrFile, front_end, in_file, noise_fraction, seed};
 
 /// Options of the estimator and of its input.
 // Without its own group: the command that flattens these has a group of the same name.
@@ -45,21 +45,8 @@ pub(super) struct MethodArguments {
     #[arg(long, default_value = RECOMMENDED)]
     estimator: String,
     /// Settings of the estimator, as JSON or as a JSON file: '{"fading": 1.01}'
-    #[arg(long, default_value = "{}", value_name = "JSON or FILE", value_parser = MethodConfig::parsed)]
-    config: MethodConfig,
-}
-
-/// Settings of an estimator, and their file unless they are given literally.
-#[derive(Clone)]
-struct MethodConfig {
-    value: Value,
-    file: Option<PathBuf>,
-}
-
-impl MethodConfig {
-    fn parsed(text: &str) -> Result<Self, String> {
-        Ok(Self { value: json_or_file(text)?, file: (!is_literal(text)).then(|| text.into()) })
-    }
+    #[arg(long, default_value = "{}", value_name = "JSON or FILE", value_parser = JsonOrFile::parsed)]
+    config: JsonOrFile,
 }
 
 impl MethodArguments {
@@ -68,10 +55,7 @@ impl MethodArguments {
     /// # Errors
     /// If the estimator is unknown or the settings are not an object.
     pub(super) fn registered(&self) -> anyhow::Result<(&'static EstimatorRow, Value)> {
-        let row = estimators::estimator(&self.estimator).with_context(|| {
-            let known: Vec<_> = estimators::ESTIMATORS.iter().map(|row| row.name).collect();
-            format!("unknown estimator `{}`, expected one of: {}", self.estimator, known.join(", "))
-        })?;
+        let row = replay::registered(&self.estimator)?;
         Ok((row, merged_of(row.name, (row.defaults)(), &self.config.value)?))
     }
 }
@@ -124,7 +108,7 @@ impl Arguments {
     /// # Errors
     /// If the estimator or the front end is unknown, or settings are invalid.
     pub(super) fn in_space(&self) -> anyhow::Result<InSpace> {
-        let front_end = SpatialFrontEnd::new(&self.front_end.choice())?;
+        let front_end = self.front_end.in_space()?;
         let row = space::replay::registered(&self.method.estimator)?;
         let config = merged_of(row.name, row.defaults(), &self.method.config.value)?;
         Ok(InSpace { row, config, front_end, noise: self.noise, seed: self.seed })
@@ -137,7 +121,7 @@ impl Arguments {
     pub(super) fn find(&self, path: &Path, calibration: Option<&Path>) -> anyhow::Result<Found> {
         check_trace(path)?;
         let (sidecar, rows) = TraceRows::open(path)?;
-        let front_end = FrontEnd::new(&self.front_end.choice())?;
+        let front_end = self.front_end.in_plane()?;
         front_end.check_trace(&sidecar)?;
         let folder = calibrations(beside(path), front_end.row.name);
         let default = || folder.join(format!("{}.json", sidecar.whisker.name));
@@ -151,7 +135,7 @@ impl Arguments {
     /// If trace or calibration are damaged or contradict one another, or the estimator is unknown.
     pub(super) fn prepare(&self, found: Found) -> anyhow::Result<Played> {
         let Found { path, sidecar, calibration: of_whisker, front_end, rows } = found;
-        let calibration = read_calibration(&of_whisker, beside(&path))?;
+        let calibration = read_calibration(&of_whisker, Some(beside(&path)))?;
         check_calibration(&of_whisker, &calibration, &sidecar)?;
         let mounting = Mounting::of(beside(&path), &sidecar)?;
         let sensor = front_end.sensor(&of_whisker, &calibration, &mounting)?;
@@ -219,10 +203,10 @@ pub(super) fn check_trace(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Reads a calibration whose traces have not changed since the fit.
-pub(super) fn read_calibration(path: &Path, beside_trace: &Path) -> anyhow::Result<CalibrationFile> {
-    let folder = if beside_trace.as_os_str().is_empty() { Path::new(".") } else { beside_trace };
-    check_is_calibration(path, Some(folder), "another by --calibration")?;
+/// Reads a calibration whose traces have not changed since the fit. `folder` contains the traces that it may be fitted to, if it is
+/// known.
+pub(super) fn read_calibration(path: &Path, folder: Option<&Path>) -> anyhow::Result<CalibrationFile> {
+    check_is_calibration(path, folder, "another by --calibration")?;
     let calibration = CalibrationFile::read(path)?;
     check_fitted_traces(path, &calibration)?;
     Ok(calibration)

@@ -24,7 +24,7 @@ use whisker::ReadingGate;
 use whisker::space::estimators::Knowledge;
 
 use super::evaluate::conclusion;
-use super::fit::NO_SENSOR;
+use super::fit::{NO_SENSOR, note_noise};
 use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
@@ -34,7 +34,12 @@ use super::{print, table};
 const MOST_HELDOUT: f64 = 0.05;
 
 /// Fits the calibration traces and prints a table of the models.
-pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out: &Path) -> anyhow::Result<ExitCode> {
+pub(super) fn fit_in_space(
+    dataset: &Dataset,
+    settings: &SpatialFitSettings,
+    stated_noise: Option<f64>,
+    out: &Path,
+) -> anyhow::Result<ExitCode> {
     let fitted = fit(dataset, settings, out, &Progress::of("fitting"))?;
     for reason in fitted.iter().flat_map(|whisker| &whisker.left_out) {
         eprintln!("left out: {reason}");
@@ -57,7 +62,10 @@ pub(super) fn fit_in_space(dataset: &Dataset, settings: &SpatialFitSettings, out
         }
     }
     print(&table::render(&["whisker", "model", "held-out RMS", "held-out worst", "choice"], &rows, 2))?;
-    fitted.iter().for_each(|whisker| print_remarks(&whisker.calibration));
+    for SpatialFitted { calibration, .. } in &fitted {
+        note_noise(stated_noise, calibration.noise_fraction, &calibration.whisker.name);
+        print_remarks(calibration);
+    }
     for whisker in &fitted {
         let state = if whisker.is_new { "" } else { " (up to date)" };
         print(&format!("{}{state}\n", whisker.path.display()))?;
@@ -172,8 +180,7 @@ pub(super) fn replay_in_space(
     // A planar trace is given with a calibration in space, by `--space`.
     let (read, noise) = match calibration {
         Some(calibration) if !is_spatial(trace)? => {
-            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } =
-                SpatialCalibrationFile::read(calibration)?;
+            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = read_calibration(calibration)?;
             let mut planar = Trace::read(trace)?;
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;

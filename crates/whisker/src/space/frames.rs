@@ -47,7 +47,7 @@ impl<F> Point<F> {
     }
 }
 
-/// Two unit vectors across a unit vector and across one another.
+/// Two unit vectors orthogonal to `unit` and to each other.
 pub fn across(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let first = unit.cross(&Vector3::ith(unit.iamin(), 1.0)).normalize();
     [first, unit.cross(&first)]

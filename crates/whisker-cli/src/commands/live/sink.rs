@@ -82,6 +82,17 @@ impl Sink {
         Ok(())
     }
 
+    /// States that the zeroing of a whisker begins again.
+    pub(super) fn repeat_zeroing(&mut self, name: Option<&str>, t_s: f64) {
+        self.note("repeated zeroings", MOST_NOTES, || {
+            let whisker = name.map_or_else(String::new, |name| format!("{name}: "));
+            format!(
+                "{whisker}zeroing up to {t_s} s: found counts that change by more than those of a free whisker; the zeroing begins \
+                 again, and there are no estimates until it has ended"
+            )
+        });
+    }
+
     /// Prints why a line is no message and what follows, if it is the first of its kind, and answers it.
     pub(super) fn refuse(&mut self, kind: &'static str, reason: impl FnOnce() -> String) -> anyhow::Result<()> {
         self.refused += 1;

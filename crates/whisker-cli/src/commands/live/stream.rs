@@ -19,11 +19,12 @@ use live::{
 use nalgebra::Vector2;
 use serde_json::{Value, json};
 use strict_json::{one_line, shown_number};
+use testbed::fitted_traces::fitted_folder;
 use testbed::protocol::PROTOCOL;
 use testbed::protocol::space::SPATIAL_PROTOCOL;
 use testbed::replay::{method, read_by};
 use testbed::space;
-use trace::{CalibrationFile, RATES_HZ, SensorFile, SpatialCalibrationFile, is_spatial};
+use trace::{BendingSensor, CalibrationFile, RATES_HZ, SensorFile, SpatialCalibrationFile, is_spatial};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
@@ -95,6 +96,9 @@ trait Method: 'static {
         given: Self::Given,
         at_s: f64,
     ) -> Result<Taken<<Self::Kind as Kind>::Reading>, String>;
+
+    /// Number of times that the zeroing of counts was repeated, see [`Conversion::zeroings_repeated`].
+    fn zeroings_repeated(conversion: &Self::Conversion) -> u64;
 }
 
 /// A line, and a later one, of a method.
@@ -366,6 +370,15 @@ where
             Err(error) => return Err(error).context("stdin"),
         };
         let taken = match parsed {
+            Ok(Line::Prior(prior)) if self.has_begun(&prior) => {
+                return locked(&self.sink).refuse("second first lines", || {
+                    format!(
+                        "stdin: line {}: found a second first line of the whisker, expected its readings or poses; the line is left \
+                         out, and the first one holds",
+                        self.lines
+                    )
+                });
+            }
             Ok(Line::Prior(prior)) => return self.begin(&prior).with_context(|| format!("stdin: line {}", self.lines)),
             Ok(Line::Sample(sample)) => self.sample(sample, at_s)?,
             Err(bad) => Err(bad),
@@ -401,7 +414,11 @@ where
             return bad("found a reading or a pose, expected the whisker's first line before it (docs/LIVE.md)".into());
         };
         let SampleLine { t_s, reading, base, .. } = sample;
+        let repeated = T::zeroings_repeated(&worker.conversion);
         let taken = reading.map(|given| T::convert(&mut worker.conversion, t_s, given, at_s)).transpose();
+        if T::zeroings_repeated(&worker.conversion) > repeated {
+            locked(&self.sink).repeat_zeroing(sample.name.as_deref(), t_s);
+        }
         let reading = match taken {
             Ok(reading) => reading,
             Err(reason) => return bad(reason),
@@ -425,14 +442,16 @@ where
         }
     }
 
+    /// Whether there was a first line of the whisker.
+    fn has_begun(&self, prior: &T::Prior) -> bool {
+        self.place_of(T::name(prior)).is_some_and(|place| self.whiskers[place].worker.is_some())
+    }
+
     /// Begins the estimation of a whisker.
     fn begin(&mut self, prior: &T::Prior) -> anyhow::Result<()> {
         let name = T::name(prior);
         let Some(place) = self.place_of(name) else { bail!("name: {}", self.unknown(name)) };
         let whisker = &mut self.whiskers[place];
-        if whisker.worker.is_some() {
-            bail!("found a second first line of a whisker, expected one");
-        }
         let (estimator, conversion) = self.method.begin(&whisker.calibration, &whisker.path, prior, self.timing)?;
         let (samples, received) = sync_channel(AHEAD);
         let (name, origin, sink) = (whisker.name.clone(), self.origin, self.sink.clone());
@@ -447,7 +466,8 @@ where
 fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow::Result<()> {
     let (found, expected) = protocol;
     if found != expected {
-        bail!("protocol: found {found}, expected {expected}");
+        let kind = if expected == SPATIAL_PROTOCOL { "in space" } else { "in the plane" };
+        bail!("protocol: found {found}, expected {expected}, the version for a calibration {kind}");
     }
     let [least, most] = RATES_HZ;
     if !(least..=most).contains(&rate_hz) {
@@ -514,7 +534,8 @@ impl CountsOf {
         let has_common_mode = sensor.is_some_and(|sensor| sensor.common_mode != [0.0; 2]);
         let zeroing_s = prior.zeroing_s.unwrap_or(ZEROING_S);
         let conversion = |sensor: &SensorFile| {
-            let own = Sensor::new(sensor.clone(), 0, prior.modulo);
+            let noise_sd_n_m = sensor.noise_sd_n_m.max(prior.noise_sd_n_m.unwrap_or_default());
+            let own = Sensor::new(SensorFile { noise_sd_n_m, ..sensor.clone() }, 0, prior.modulo);
             Counts::new(own, has_common_mode, Vec::new(), zeroing_s, timing, prior.rate_hz)
         };
         let reason = || {
@@ -553,7 +574,7 @@ impl Method for InPlane {
     const PROTOCOL: u32 = PROTOCOL;
 
     fn read(path: &Path) -> anyhow::Result<CalibrationFile> {
-        read_calibration(path, path.parent().and_then(Path::parent).unwrap_or(Path::new("")))
+        read_calibration(path, fitted_folder(path))
     }
 
     fn parse(line: &str) -> Result<Line, BadLine> {
@@ -632,6 +653,10 @@ impl Method for InPlane {
             Some(Reading::Late | Reading::Incomplete) | None => Taken::LeftOut(Status::Late.name()),
         })
     }
+
+    fn zeroings_repeated(conversion: &CountsOf) -> u64 {
+        conversion.counts.as_ref().map_or(0, Conversion::zeroings_repeated)
+    }
 }
 
 /// A calibration in space and its tabulated sensor model.
@@ -705,7 +730,11 @@ impl Method for OfSpace {
         let (row, config, of_build) = (self.row, self.config.clone(), knowledge.clone());
         let build = move || space::replay::build(row, &config, &of_build);
         let zeroing_s = prior.zeroing_s.unwrap_or(ZEROING_S);
-        let conversion = |sensor| BendingCounts::new(sensor, [0, 1], prior.modulo, zeroing_s, timing, prior.rate_hz);
+        let conversion = |sensor: BendingSensor| {
+            let sensor = BendingSensor { noise_sd_n_m: sensor.noise_sd_n_m.max(noise_sd_n_m), ..sensor };
+            let largest_n_m = file.largest_reading_n_m;
+            BendingCounts::new(sensor, largest_n_m, [0, 1], prior.modulo, zeroing_s, timing, prior.rate_hz)
+        };
         let counts = file.sensor.map(conversion).ok_or_else(|| {
             format!(
                 "counts: found those of a whisker whose calibration {} has no sensor, expected moment_y_n_m and moment_z_n_m, or \
@@ -730,5 +759,9 @@ impl Method for OfSpace {
                 Ok(moments_n_m.map_or(Taken::LeftOut(ZEROING), Taken::Reading))
             }
         }
+    }
+
+    fn zeroings_repeated(conversion: &Self::Conversion) -> u64 {
+        conversion.as_ref().map_or(0, Conversion::zeroings_repeated)
     }
 }

@@ -35,7 +35,7 @@ struct PointAround {
 }
 
 impl PointAround {
-    /// `None` if it is not nearer than `reach_m`.
+    /// The point in the coordinates of `axes` about `at`. `None` if its distance is `reach_m` or more.
     fn new(point: &OrientedPoint, at: Point<World>, axes: &[Vector3<f64>; 2], reach_m: f64) -> Option<Self> {
         let offset = point.at.vector() - at.vector();
         let away_m = offset.norm();
@@ -69,7 +69,7 @@ pub(super) fn undetermined_sd_m(
         around.iter().filter(|point| point.sd_across_m <= sd_across_m).collect()
     };
     let mut levels: Vec<Vec<&PointAround>> = levels_m.map(certain_up_to).collect();
-    // Each level contains the one before: as many points are the same points.
+    // Each level contains the one before: levels with equal numbers of points are the same.
     levels.dedup_by_key(|points| points.len());
     levels.iter().map(|points| least_sd_m(points)).fold(f64::INFINITY, f64::min)
 }
