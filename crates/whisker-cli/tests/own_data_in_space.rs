@@ -405,6 +405,11 @@ fn robust_wrong_values_of_a_mapping_in_space_are_named() {
         &["base.orientation: found a quaternion of norm 2, expected a norm of 1 within 0.01"],
     );
     of(
+        |mapping| mapping["pose"]["orientation"]["roll_pitch_yaw"] = json!({}),
+        &["found several forms of an orientation, expected one of roll_pitch_yaw, rotation_vector and quaternion"],
+    );
+    of(|mapping| mapping["pose"]["orientation"] = json!({}), &["found no form of an orientation, expected one of"]);
+    of(
         |mapping| mapping["base"]["orientation"] = mapping["pose"]["orientation"].clone(),
         &["base.orientation: found columns, expected constant values"],
     );

@@ -23,21 +23,67 @@ const FASTEST_RAD_S: f64 = 10.0;
 
 /// Rotation from the recorded frame to that of the positions, by columns or constants.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
+#[serde(rename_all = "snake_case", try_from = "Forms")]
 pub(crate) enum Orientation {
-    /// Rotations about x, y and z of the frame of the positions, in this order.
-    RollPitchYaw {
-        #[serde(default)]
-        roll: Quantity<Angle>,
-        #[serde(default)]
-        pitch: Quantity<Angle>,
-        #[serde(default)]
-        yaw: Quantity<Angle>,
-    },
-    /// Axis of the rotation times its angle.
-    RotationVector { x: Quantity<Angle>, y: Quantity<Angle>, z: Quantity<Angle> },
-    /// Unit quaternion.
-    Quaternion { w: Component, x: Component, y: Component, z: Component },
+    RollPitchYaw(RollPitchYaw),
+    RotationVector(RotationVector),
+    Quaternion(Components),
+}
+
+/// Rotations about x, y and z of the frame of the positions, in this order.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RollPitchYaw {
+    #[serde(default)]
+    roll: Quantity<Angle>,
+    #[serde(default)]
+    pitch: Quantity<Angle>,
+    #[serde(default)]
+    yaw: Quantity<Angle>,
+}
+
+/// Axis of the rotation times its angle.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RotationVector {
+    x: Quantity<Angle>,
+    y: Quantity<Angle>,
+    z: Quantity<Angle>,
+}
+
+/// Unit quaternion.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Components {
+    w: Component,
+    x: Component,
+    y: Component,
+    z: Component,
+}
+
+/// The forms of an orientation, one of which is given.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Forms {
+    roll_pitch_yaw: Option<RollPitchYaw>,
+    rotation_vector: Option<RotationVector>,
+    quaternion: Option<Components>,
+}
+
+impl TryFrom<Forms> for Orientation {
+    type Error = String;
+
+    fn try_from(forms: Forms) -> Result<Self, String> {
+        let Forms { roll_pitch_yaw, rotation_vector, quaternion } = forms;
+        let found = match (roll_pitch_yaw, rotation_vector, quaternion) {
+            (Some(angles), None, None) => return Ok(Self::RollPitchYaw(angles)),
+            (None, Some(vector), None) => return Ok(Self::RotationVector(vector)),
+            (None, None, Some(components)) => return Ok(Self::Quaternion(components)),
+            (None, None, None) => "no form",
+            _ => "several forms",
+        };
+        Err(format!("found {found} of an orientation, expected one of roll_pitch_yaw, rotation_vector and quaternion"))
+    }
 }
 
 /// Component of a quaternion.
@@ -59,18 +105,20 @@ impl Component {
 
 impl Default for Orientation {
     fn default() -> Self {
-        let [roll, pitch, yaw] = [(); 3].map(|()| Quantity::default());
-        Self::RollPitchYaw { roll, pitch, yaw }
+        Self::RollPitchYaw(RollPitchYaw::default())
     }
 }
 
 impl Orientation {
     pub(super) fn columns(&self) -> Vec<&str> {
         match self {
-            Self::RollPitchYaw { roll: x, pitch: y, yaw: z } | Self::RotationVector { x, y, z } => {
+            Self::RollPitchYaw(RollPitchYaw { roll: x, pitch: y, yaw: z })
+            | Self::RotationVector(RotationVector { x, y, z }) => {
                 [x, y, z].into_iter().filter_map(|angle| angle.column.as_deref()).collect()
             }
-            Self::Quaternion { w, x, y, z } => [w, x, y, z].into_iter().filter_map(Component::column).collect(),
+            Self::Quaternion(Components { w, x, y, z }) => {
+                [w, x, y, z].into_iter().filter_map(Component::column).collect()
+            }
         }
     }
 
@@ -80,9 +128,9 @@ impl Orientation {
     /// [`Error::Value`] with file and key.
     pub(super) fn validate(&self, path: &Path, key: &str) -> Result<(), Error> {
         let angles = match self {
-            Self::RollPitchYaw { roll, pitch, yaw } => [("roll", roll), ("pitch", pitch), ("yaw", yaw)],
-            Self::RotationVector { x, y, z } => [("x", x), ("y", y), ("z", z)],
-            Self::Quaternion { .. } => {
+            Self::RollPitchYaw(RollPitchYaw { roll, pitch, yaw }) => [("roll", roll), ("pitch", pitch), ("yaw", yaw)],
+            Self::RotationVector(RotationVector { x, y, z }) => [("x", x), ("y", y), ("z", z)],
+            Self::Quaternion(_) => {
                 return match self.rotation(|_| 1.0) {
                     Err(norm) if self.columns().is_empty() => Err(Error::value(
                         path,
@@ -119,7 +167,9 @@ impl Orientation {
         let names = self.columns();
         columns.check_one_clock(mapping, path, "pose.orientation", &names)?;
         let clock = &columns.series(names[0]).clock;
-        if let Self::RollPitchYaw { roll: x, pitch: y, yaw: z } | Self::RotationVector { x, y, z } = self {
+        if let Self::RollPitchYaw(RollPitchYaw { roll: x, pitch: y, yaw: z })
+        | Self::RotationVector(RotationVector { x, y, z }) = self
+        {
             columns.check_ranges(path, &[x, y, z], LARGEST, "rad")?;
         }
         let mut samples: Vec<UnitQuaternion<f64>> = Vec::with_capacity(clock.times_s.len());
@@ -171,13 +221,13 @@ impl Orientation {
             Component::Value(value) => *value,
         };
         match self {
-            Self::RollPitchYaw { roll, pitch, yaw } => {
+            Self::RollPitchYaw(RollPitchYaw { roll, pitch, yaw }) => {
                 Ok(UnitQuaternion::from_euler_angles(angle(roll), angle(pitch), angle(yaw)))
             }
-            Self::RotationVector { x, y, z } => {
+            Self::RotationVector(RotationVector { x, y, z }) => {
                 Ok(UnitQuaternion::from_scaled_axis(Vector3::new(angle(x), angle(y), angle(z))))
             }
-            Self::Quaternion { w, x, y, z } => {
+            Self::Quaternion(Components { w, x, y, z }) => {
                 let quaternion = Quaternion::new(component(w), component(x), component(y), component(z));
                 let norm = quaternion.norm();
                 let is_unit = (norm - 1.0).abs() <= MOST_NORM_DEVIATION;
