@@ -127,6 +127,19 @@ fn robust_moment_of_the_wrong_unit_against_the_true_contact() {
 }
 
 #[test]
+fn robust_moment_that_is_wrong_by_a_constant_factor_is_no_error_of_the_poses() {
+    for scale in [-31.0, 31.0] {
+        let trace = changed(|instant| {
+            instant.moment_z_n_m *= scale;
+            instant.rotation_z_rad = None;
+        });
+        let looks_of = looks(&trace);
+        assert!(looks_of.contains(&"unit, scale or sign of the moment is another one".into()), "{looks_of:?}");
+        assert!(looks_of.iter().all(|look| !look.contains("yaw")), "{looks_of:?}");
+    }
+}
+
+#[test]
 fn robust_moment_of_the_wrong_sign() {
     let trace = recorded(|instant| instant.moment_z_n_m *= -1.0);
     assert_eq!(looks(&trace), ["the sign of the moment is wrong, or the face is the other one"]);
