@@ -112,9 +112,8 @@ impl StagedFiles {
             entries.map(|entry| Ok(entry?.file_name())).collect::<io::Result<Vec<_>>>()
         };
         let mut names = names().map_err(Error::io(&self.folder))?;
-        names.sort_by_key(|name| {
-            (Path::new(name).extension().is_some_and(|extension| extension == "json"), name.clone())
-        });
+        // `csv` is before `json`, and an outline, `<name>.contour.csv`, before both.
+        names.sort();
         for name in &names {
             let path = self.folder.join(name);
             fs::rename(self.folder().join(name), &path).map_err(Error::io(&path))?;

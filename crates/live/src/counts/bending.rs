@@ -36,8 +36,8 @@ pub struct BendingCounts {
 
 impl BendingCounts {
     /// Conversion of the counts of a sensor, with `largest_n_m` the largest moment of its calibration (N m), read on these axes (0 to 2).
-    /// `modulo` is the number of values of a counter that wraps, if
-    /// it does; `zeroing_s` the duration of the zeroing (s), `rate_hz` the rate of the counts (Hz).
+    /// `modulo` is the number of values of a counter that wraps, if it does; `zeroing_s` the duration of the zeroing (s), `rate_hz` the
+    /// rate of the counts (Hz).
     pub fn new(
         sensor: BendingSensor,
         largest_n_m: f64,
