@@ -530,7 +530,7 @@ fn robust_a_missing_calibration_says_how_to_make_it() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);
     let path = calibrations(folder.path()).join("curved.json");
-    let missing = format!("{}: no such calibration; make it by `whisker fit", path.display());
+    let missing = format!("{}: no such calibration; make it from calibration traces by `whisker fit", path.display());
     let message = evaluate(&dataset, &settings(&["point"], &[1]), &ProgressBar::hidden()).unwrap_err().to_string();
     assert_eq!(
         message,

@@ -25,7 +25,7 @@ pub fn check_is_calibration(path: &Path, folder: Option<&Path>, other: &str) -> 
     }
     let folder = folder.map_or_else(String::new, |folder| format!(" {}", folder.display()));
     bail!(
-        "{}: no such calibration; make it by `whisker fit{folder}`, with the same --front-end, or name {other}",
+        "{}: no such calibration; make it from calibration traces by `whisker fit{folder}`, with the same --front-end, or name {other}",
         path.display()
     )
 }

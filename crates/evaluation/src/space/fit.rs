@@ -105,7 +105,10 @@ pub fn fit(
         subject.traces.push(SpatialTrace::read(path)?);
     }
     if whiskers.is_empty() {
-        bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Calibration.name());
+        let (folder, role) = (dataset.folder.display(), Role::Calibration.name());
+        bail!(
+            "{folder}: found no traces with the role `{role}`; simulate a scene or import a recording with this role"
+        );
     }
     progress.set_length(whiskers.values().map(|subject| subject.candidates.len() as u64).sum());
     let fit = WhiskerFit { front_end: &front_end, settings, out, progress };

@@ -87,7 +87,7 @@ impl Sink {
         self.note("repeated zeroings", MOST_NOTES, || {
             let whisker = name.map_or_else(String::new, |name| format!("{name}: "));
             format!(
-                "{whisker}zeroing up to {t_s} s: found counts that change by more than those of a free whisker; the zeroing begins \
+                "{whisker}zeroing up to {t_s:.3} s: found counts that change by more than those of a free whisker; the zeroing begins \
                  again, and there are no estimates until it has ended"
             )
         });
