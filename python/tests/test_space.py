@@ -469,7 +469,7 @@ def test_robust_wrong_arguments_of_trials_in_space_are_one_error(trace, calibrat
         wc.SpatialTrial(trace, calibration, noise=-1.0)
     with pytest.raises(ValueError, match="noise and noise_sd_n_m: found both, expected one"):
         wc.SpatialTrial(trace, calibration, noise=0.1, noise_sd_n_m=0.0)
-    with pytest.raises(ValueError, match="unknown estimator in space `ukf`, expected one of"):
+    with pytest.raises(ValueError, match=r"in space `ukf` \(it is one for planar traces\), expected one of"):
         trial.replay("ukf")
     other = wc.SpatialTrial(trace, calibration, seed=2).replay("line")
     for use in (trial.score, trial.errors_m):
