@@ -23,7 +23,10 @@ pub fn check_is_calibration(path: &Path, folder: Option<&Path>, other: &str) -> 
     if let Some(file) = path.parent().filter(|parent| parent.is_file()) {
         bail!("{}: found a file, expected the folder of the calibrations", file.display());
     }
-    let folder = folder.map_or_else(String::new, |folder| format!(" {}", folder.display()));
+    let folder = folder.map_or_else(String::new, |folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        format!(" {}", folder.display())
+    });
     bail!(
         "{}: no such calibration; make it from calibration traces by `whisker fit{folder}`, with the same --front-end, or name {other}",
         path.display()
@@ -97,13 +100,8 @@ fn folder_of_traces(path: &Path) -> anyhow::Result<Option<PathBuf>> {
     Ok(above_calibrations(&absolute).map(Path::to_path_buf))
 }
 
-/// Folder whose traces a calibration with this path is fitted to. `None` if it does not lie in a folder `calibrations`.
-pub fn fitted_folder(path: &Path) -> Option<&Path> {
-    above_calibrations(path).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
-}
-
 /// Folder that contains the folder `calibrations` in this path, empty if the path begins with `calibrations`.
-fn above_calibrations(path: &Path) -> Option<&Path> {
+pub fn above_calibrations(path: &Path) -> Option<&Path> {
     path.ancestors().find(|folder| folder.file_name().is_some_and(|name| name == CALIBRATIONS))?.parent()
 }
 

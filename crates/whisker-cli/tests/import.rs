@@ -1,9 +1,10 @@
 //! Import, fit and evaluation of synthetic recordings of a known wire in the layout of the public whisker data set.
 
+mod command;
+
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use files::{sha256, write_json};
 use nalgebra::{Vector3, Vector6};
@@ -13,6 +14,8 @@ use whisker::frames::{Base, Point, Pose, World};
 use whisker::rod::Rod;
 use whisker::{Curvature, Whisker};
 
+use command::{assert_fails, text, whisker};
+
 const CALIBRATION: &str = "data/all_datasets/calibration/curved_calib_May_22_try2.csv";
 const TRIAL: &str = "data/all_datasets/test/tip_test_05_22_23_try2/curved_test_May_22_trial0.csv";
 const SWEEP: &str = "data/all_datasets/test/tip_test_05_25_23/reference_cylindertip_test_scan_object_May_25_trial0.csv";
@@ -21,10 +24,6 @@ const SWEEPING: &str = "data/all_datasets/calibration/sensor1_tip_calib_May_04.c
 
 /// Quantile of 99 % of the chi-squared distribution with six degrees of freedom.
 const CHI2_6_99: f64 = 16.81;
-
-fn whisker(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
-}
 
 /// Runs a command that must succeed. Returns stdout followed by stderr.
 fn good(arguments: &[&str]) -> String {
@@ -153,10 +152,6 @@ fn clone() -> tempfile::TempDir {
 fn write(path: &Path, text: &str) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, text).unwrap();
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 /// A column of a table.
@@ -304,13 +299,7 @@ fn fails_in_space(file: &str, change: impl Fn([f64; 7]) -> [f64; 7], words: &[&s
     });
     fs::write(&path, ",px,py,pz,sx,sy,sz\n".to_owned() + &rows.collect::<String>()).unwrap();
     let output = whisker(&["import", "stanford-whisker", text(source.path()), "--space", "--out", text(out.path())]);
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
-    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
-    let [failure] = failures[..] else { panic!("printed:\n{errors}") };
-    for word in words {
-        assert!(failure.contains(word), "does not contain `{word}`: {errors}");
-    }
+    assert_fails(output, words);
 }
 
 #[test]

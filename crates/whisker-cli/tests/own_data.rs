@@ -1,5 +1,6 @@
 //! From the recordings of a laboratory to estimates: import, check, fit, replay and evaluation of the example.
 
+mod command;
 #[path = "own_data/laboratory.rs"]
 mod laboratory;
 #[path = "own_data/made.rs"]
@@ -16,7 +17,8 @@ use bag::{Publisher, Writer};
 use serde_json::{Value, json};
 use trace::{CalibrationFile, Recorded, SensorFile, Sidecar, Trace};
 
-use laboratory::{assert_fails, assert_stored, copied, good, lived, root, text, whisker};
+use command::{assert_fails, text, whisker};
+use laboratory::{assert_stored, copied, good, lived, root};
 
 fn example() -> PathBuf {
     root().join("examples/own-data")

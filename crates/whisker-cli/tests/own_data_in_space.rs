@@ -1,5 +1,6 @@
 //! From recordings in space to estimates: import, check, fit, replay and evaluation of the example.
 
+mod command;
 #[path = "own_data/laboratory.rs"]
 mod laboratory;
 #[path = "own_data/made_in_space.rs"]
@@ -14,7 +15,8 @@ use nalgebra::{Isometry3, Matrix2, Quaternion as Rotation, UnitQuaternion, Vecto
 use serde_json::{Value, json};
 use trace::{SpatialCalibrationFile, SpatialInstant, SpatialSidecar, SpatialTrace};
 
-use laboratory::{assert_fails, assert_stored, copied, good, live, lived, root, text, whisker};
+use command::{assert_fails, text, whisker};
+use laboratory::{assert_stored, copied, good, live, lived, root};
 
 fn example() -> PathBuf {
     root().join("examples/own-data-space")

@@ -74,8 +74,8 @@ pub(super) fn elastica(subject: &Subject<'_>) -> Vec<Finding> {
     let middle = median(&mut found);
     let is_near = |ratio: &&f64| middle.is_some_and(|middle| (1.0 / CONSTANT..=CONSTANT).contains(&(*ratio / middle)));
     let is_constant = found.iter().filter(is_near).count() as f64 >= AGREEING * rows.len() as f64;
-    let possible = HYPOTHESES.iter().filter(|hypothesis| hypothesis.moment != 1.0 || !is_constant);
-    let looks_like = possible.into_iter().find(|hypothesis| agrees(&ratios(hypothesis))).map(|it| it.looks_like);
+    let explains = |it: &&Hypothesis| (it.moment != 1.0 || !is_constant) && agrees(&ratios(it));
+    let looks_like = HYPOTHESES.iter().find(explains).map(|it| it.looks_like);
     let otherwise = if is_constant {
         "unit, scale or sign of the moment is another one"
     } else {

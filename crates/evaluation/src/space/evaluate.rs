@@ -69,14 +69,13 @@ impl SpatialEvaluateSettings {
             }
         }
         let path = |whisker: &String| folder.join(format!("{whisker}.json"));
-        let (present, missing): (Vec<&String>, Vec<&String>) = whiskers.iter().partition(|name| path(name).exists());
-        if let (Some(_), Some(_), true) = (&self.calibrations, present.first(), !missing.is_empty()) {
-            let names: Vec<&str> = missing.iter().map(|name| name.as_str()).collect();
+        let missing: Vec<&str> = whiskers.iter().filter(|name| !path(name).exists()).map(String::as_str).collect();
+        if self.calibrations.is_some() && (1..whiskers.len()).contains(&missing.len()) {
             bail!(
                 "{}: found no calibrations of the whiskers {}, expected one of each whisker of the trials: copy the missing ones to this \
                  folder, or evaluate only the trials of the other whiskers",
                 folder.display(),
-                names.join(", ")
+                missing.join(", ")
             );
         }
         let mut found = Calibrations::new();

@@ -16,8 +16,7 @@ use testbed::settings::merged;
 use testbed::space::{largest_reading_n_m, to_base};
 use testbed::statistics;
 use trace::{
-    BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialSidecar,
-    SpatialTrace, data_sha256,
+    BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialTrace, data_sha256,
 };
 use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
@@ -90,25 +89,17 @@ pub fn fit(
 ) -> anyhow::Result<Vec<SpatialFitted>> {
     let front_end = SpatialFrontEnd::new(&settings.front_end)?;
     let mut whiskers: BTreeMap<String, Subject> = BTreeMap::new();
-    for path in &dataset.paths {
-        let sidecar = SpatialSidecar::read(path)?;
-        if sidecar.role != Role::Calibration {
-            continue;
-        }
-        let subject = match whiskers.entry(sidecar.whisker.name) {
+    for path in dataset.of_role(Role::Calibration)? {
+        let trace = SpatialTrace::read(path)?;
+        let sidecar = &trace.sidecar;
+        let subject = match whiskers.entry(sidecar.whisker.name.clone()) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
                 let candidates = candidates(&settings.models, sidecar.recorded.is_some())?;
                 new.insert(Subject { candidates, traces: Vec::new() })
             }
         };
-        subject.traces.push(SpatialTrace::read(path)?);
-    }
-    if whiskers.is_empty() {
-        let (folder, role) = (dataset.folder.display(), Role::Calibration.name());
-        bail!(
-            "{folder}: found no traces with the role `{role}`; simulate a scene or import a recording with this role"
-        );
+        subject.traces.push(trace);
     }
     progress.set_length(whiskers.values().map(|subject| subject.candidates.len() as u64).sum());
     let fit = WhiskerFit { front_end: &front_end, settings, out, progress };

@@ -19,7 +19,7 @@ use whisker::space::frames::Pose;
 use whisker::space::sensor::CalibratedSpace;
 
 use super::to_base;
-use crate::fitted_traces::{check_fitted_traces, check_is_calibration, fitted_folder};
+use crate::fitted_traces::{above_calibrations, check_fitted_traces, check_is_calibration};
 use crate::settings::SettingsOf;
 
 /// The registry's row of this name.
@@ -39,7 +39,7 @@ pub fn registered(name: &str) -> anyhow::Result<&'static SpatialEstimatorRow> {
 /// # Errors
 /// As [`read_fitted`]. The error for a missing file states how to make it.
 pub fn read_calibration(path: &Path) -> anyhow::Result<SpatialCalibrationFile> {
-    check_is_calibration(path, fitted_folder(path), "another by --calibration")?;
+    check_is_calibration(path, above_calibrations(path), "another by --calibration")?;
     read_fitted(path)
 }
 

@@ -109,19 +109,19 @@ impl Prepared {
     /// sensor and the trace is a recording of a real one.
     pub(super) fn new(trace: SpatialTrace, options: &InSpace, calibration: &Path) -> anyhow::Result<Self> {
         let noise = ReplayNoise::of(&trace.sidecar, &options.front_end)?;
-        Self::with_noise(trace, options, &noise, calibration)
+        let file = read_calibration(calibration)?;
+        Self::with_noise(trace, options, &noise, (calibration, &file))
     }
 
     fn with_noise(
         trace: SpatialTrace,
         options: &InSpace,
         noise: &ReplayNoise,
-        calibration: &Path,
+        (path, file): (&Path, &SpatialCalibrationFile),
     ) -> anyhow::Result<Self> {
         let added_sd_n_m = options.noise.unwrap_or(noise.default) * largest_reading_n_m([&trace]);
-        let file = read_calibration(calibration)?;
-        let calibrated = calibrated(calibration, &file, &trace.sidecar)?;
-        let sensor = options.front_end.sensor(calibration, &file)?;
+        let calibrated = calibrated(path, file, &trace.sidecar)?;
+        let sensor = options.front_end.sensor(path, file)?;
         let readings_n_m = options.front_end.bending_n_m(&trace, added_sd_n_m, options.seed, sensor)?;
         let noise_sd_n_m = added_sd_n_m.hypot(noise.own_sd_n_m);
         let knowledge = knowledge(&calibrated, noise_sd_n_m, sensor, trace.sidecar.rate_hz);
@@ -178,19 +178,20 @@ pub(super) fn replay_in_space(
     out: Option<&Path>,
 ) -> anyhow::Result<ExitCode> {
     // A planar trace is given with a calibration in space, by `--space`.
-    let (read, noise) = match calibration {
+    let (read, noise, lifted_by) = match calibration {
         Some(calibration) if !is_spatial(trace)? => {
-            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = read_calibration(calibration)?;
+            let file = read_calibration(calibration)?;
+            let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = &file;
             let mut planar = Trace::read(trace)?;
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;
             let noise = ReplayNoise::of_planar(&planar.sidecar, &options.front_end)?;
-            (SpatialTrace::lifted(&planar, suspension, poisson_ratio), noise)
+            (SpatialTrace::lifted(&planar, *suspension, *poisson_ratio), noise, Some(file))
         }
         _ => {
             let read = SpatialTrace::read(trace)?;
             let noise = ReplayNoise::of(&read.sidecar, &options.front_end)?;
-            (read, noise)
+            (read, noise, None)
         }
     };
     let default = || calibration_of(trace, &read.sidecar.whisker.name, &options.front_end);
@@ -205,7 +206,9 @@ pub(super) fn replay_in_space(
         }
         None => None,
     };
-    let Prepared { trace: read, knowledge, readings_n_m } = Prepared::with_noise(read, options, &noise, &calibration)?;
+    let file = lifted_by.map_or_else(|| read_calibration(&calibration), Ok)?;
+    let Prepared { trace: read, knowledge, readings_n_m } =
+        Prepared::with_noise(read, options, &noise, (&calibration, &file))?;
     let InSpace { row, config, .. } = options;
     let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
     let instants = read.recording.instants.iter().zip(&read.truth.instants);

@@ -7,13 +7,11 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 
+use crate::command::{text, whisker};
+
 /// Folder of the repository.
 pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-pub(crate) fn whisker(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap()
 }
 
 /// Runs a command that must succeed. Returns stdout and stderr.
@@ -24,10 +22,6 @@ pub(crate) fn good(arguments: &[&str]) -> (String, String) {
     (String::from_utf8(output.stdout).unwrap(), errors)
 }
 
-pub(crate) fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
 /// Copy of an example.
 pub(crate) fn copied(example: &Path) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -36,17 +30,6 @@ pub(crate) fn copied(example: &Path) -> tempfile::TempDir {
         fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
     }
     folder
-}
-
-/// Asserts that a command failed with a single error that contains every one of `words`.
-pub(crate) fn assert_fails(output: Output, words: &[&str]) {
-    let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(matches!(output.status.code(), Some(1 | 3)), "ended with {:?}: {errors}", output.status);
-    let failures: Vec<&str> = errors.lines().filter(|line| line.starts_with("error: ")).collect();
-    let [failure] = failures[..] else { panic!("printed: {errors}") };
-    for word in words {
-        assert!(failure.contains(word), "does not contain `{word}`: {failure}");
-    }
 }
 
 /// Asserts that a stored table is that which has been made.

@@ -19,7 +19,7 @@ use live::{
 use nalgebra::Vector2;
 use serde_json::{Value, json};
 use strict_json::{one_line, shown_number};
-use testbed::fitted_traces::fitted_folder;
+use testbed::fitted_traces::above_calibrations;
 use testbed::protocol::PROTOCOL;
 use testbed::protocol::space::SPATIAL_PROTOCOL;
 use testbed::replay::{method, read_by};
@@ -574,7 +574,7 @@ impl Method for InPlane {
     const PROTOCOL: u32 = PROTOCOL;
 
     fn read(path: &Path) -> anyhow::Result<CalibrationFile> {
-        read_calibration(path, fitted_folder(path))
+        read_calibration(path, above_calibrations(path))
     }
 
     fn parse(line: &str) -> Result<Line, BadLine> {
