@@ -42,6 +42,7 @@ REFERENCE = ROOT / "results" / "reference"
 DOCUMENTS = (
     "README.md",
     "docs/RESULTS.md",
+    "docs/choosing.md",
     "docs/CERTAINTY.md",
     "docs/REAL.md",
     "docs/ARM.md",

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from whisker_sim.certificate import certify
+from whisker_sim.model import POINTS, SENSORS
 from whisker_sim.scene import Scene, Simulation
-from whisker_sim.simulate import simulate
+from whisker_sim.simulate import is_split, simulate
+from whisker_sim.sweep import build_sweep_model
 from whisker_sim.trace import COLUMNS, FRICTION_COLUMNS, write_trace
 
 STEP = Simulation(timestep_s=0.0002)
@@ -52,6 +54,20 @@ def test_verif_columns_of_friction(rubbed, tmp_path):
     fields = [row.split(",") for row in rows]
     assert all((row[9] == "1") == all(row[-3:]) for row in fields)
     assert all(row[9] == "1" or not any(row[-3:]) for row in fields)
+
+
+def test_verif_a_place_beyond_the_strongest_contacts_is_seen(make_run):
+    """Chains in parallel touch one place with up to eight contacts each; a weaker contact elsewhere makes a split."""
+    ideal = make_run().scene
+    frictional = msgspec.structs.replace(ideal, friction=0.3, simulation=STEP)
+    widths = [build_sweep_model(scene).nsensordata - SENSORS["points"].start for scene in (ideal, frictional)]
+    assert widths == [6 * POINTS, 6 * 8 * POINTS]
+    slots = np.zeros((1, 8 * POINTS, 6))
+    slots[0, :16] = (2.0, 0.1, 0.0, 10.0, 0.0, 0.0)
+    assert not is_split(slots.reshape(1, -1))
+    slots[0, 16] = (1.0, 0.1, 0.0, 15.0, 0.0, 0.0)
+    assert is_split(slots.reshape(1, -1))
+    assert not is_split(slots[:, :POINTS].reshape(1, -1))
 
 
 @pytest.mark.parametrize("friction", [-0.1, 0.0, 1.5])

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +13,8 @@ from whisker_sim.documents import read_json, to_json
 from whisker_sim.errors import InputError
 from whisker_sim.runs import load_runs
 from whisker_sim.scene import Scene
+from whisker_sim.schema import scene_schema
+from whisker_sim.whisker import PATTERNS
 
 from conftest import SWEEP
 
@@ -125,6 +128,12 @@ def test_robust_a_key_twice(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match="the key 'a' once, found it 2 times"):
         read_json(path)
+
+
+def test_verif_every_pattern_has_words():
+    """Errors describe what a text must be, and not by a regular expression."""
+    patterns = set(re.findall(r'"pattern": ("(?:[^"\\\\]|\\\\.)*")', json.dumps(scene_schema())))
+    assert {json.loads(pattern) for pattern in patterns} == set(PATTERNS)
 
 
 @pytest.mark.parametrize("name", ["../x", "/tmp/x", "x/../../y", "", "a\nb", "a\n", "a\0b", "."])

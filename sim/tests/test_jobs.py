@@ -29,6 +29,24 @@ def test_robust_a_worker_that_dies_while_items_are_left(tmp_path):
     _assert_one_line(error)
 
 
+def test_robust_the_client_of_a_cluster_removes_its_own_folders_only(tmp_path):
+    """Those of killed clients are its own, too: the folder of traces is locked."""
+    cluster = pytest.importorskip("whisker_sim.cluster", reason="the packages of the extra `cluster` are not installed")
+    theirs = tmp_path / "one" / ".parts" / "kept.csv"
+    theirs.parent.mkdir(parents=True)
+    theirs.touch()
+    folders = [tmp_path / "one", tmp_path / "two"]
+    (tmp_path / "one" / ".parts-k1ll3d00" / "tmp").mkdir(parents=True)
+    cluster._remove_leftovers(folders)
+    with cluster._part_folders(folders) as parts, cluster._part_folders(folders) as others:
+        assert list(parts) == folders
+        assert all(part.parent == folder and part.is_dir() for folder, part in parts.items())
+        assert not set(parts.values()) & set(others.values())
+        assert theirs.exists()
+    assert theirs.exists()
+    assert [path.name for folder in folders for path in folder.iterdir()] == [".parts"]
+
+
 def test_robust_a_worker_that_dies_in_a_study(tmp_path):
     study = Study("dies", "tasks that kill their process", lambda _: [partial(_die)] * 200, list)
     with pytest.raises(WhiskerSimError) as error:

@@ -51,6 +51,13 @@ def contents(runs: list[Run]) -> list[str]:
     return [hashlib.sha256(to_json(values)).hexdigest() for values in drawn]
 
 
+def test_verif_random_whiskers_are_plausible():
+    """`Whisker` accepts all that are drawn."""
+    for seed in range(1000):
+        whisker = resolve_whisker(random_whisker("w", np.random.default_rng(seed)))
+        assert whisker.length_m >= 0.05
+
+
 @pytest.mark.parametrize(
     ("for_settings", "for_reports", "counts"),
     [(TRAINING, HELD_OUT, (600, 1500)), (TRAINING_CONTACTS, CONTACTS, (90, 150))],

@@ -1,6 +1,7 @@
 """Pictures of sweeps: content, provenance, determinism; no graphics driver is needed."""
 
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -125,6 +126,37 @@ def test_verif_simulate_draws_the_animations_of_a_suite(suite, tmp_path, capsys)
     scene = str(tmp_path / "first.json")
     assert main(["simulate", scene, "--out", str(out), "--animations", str(animations)]) == 2
     assert "expected a suite with --animations, found a scene" in capsys.readouterr().err
+
+
+def test_robust_two_suites_with_animations_of_the_same_name(suite, write_scene, tmp_path, capsys):
+    """The second would be drawn over the first; nothing is written."""
+    write_scene(name="fourth", group="one")
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"format": 1, "name": "other", "scenes": [{"scene": "fourth.json"}]}))
+    folders = {"--out": tmp_path / "out", "--animations": tmp_path / "animations"}
+    options = [str(word) for option in folders.items() for word in option]
+    assert main(["simulate", str(suite), str(other), *options]) == 2
+    error = capsys.readouterr().err
+    assert "first.json: expected animations of different names, found 'one.straight' 2 times; give each suite another" in error
+    assert error.count("\n") == 1
+    assert not any(folder.exists() for folder in folders.values())
+
+
+@pytest.mark.parametrize("animations", ["animations", "out", "out/../out"])
+def test_verif_the_folder_of_animations_is_locked(suite, tmp_path, monkeypatch, animations):
+    """Once, also if it is that of the traces."""
+    locked = []
+
+    @contextmanager
+    def recorded(folder, share):
+        locked.append(folder.resolve().name)
+        yield
+
+    monkeypatch.setattr("whisker_sim.cli.exclusive", recorded)
+    monkeypatch.setattr("whisker_sim.cli.run_job", lambda *_: 0)
+    (tmp_path / "out").mkdir()
+    assert main(["simulate", str(suite), "--out", str(tmp_path / "out"), "--animations", str(tmp_path / animations)]) == 0
+    assert sorted(locked) == sorted({"out", animations.split("/")[-1]})
 
 
 def _contents(folder):

@@ -20,8 +20,10 @@ from test_arm import SHORT
 from whisker_sim.arm.recording import is_up_to_date, write_recording
 from whisker_sim.arm.simulate import simulate_passage
 from whisker_sim.cli import main
+from whisker_sim.errors import SimulationError
 from whisker_sim.products import make_trace, product_of
 from whisker_sim.runs import load_runs
+from whisker_sim.simulate import _warnings, simulate
 from whisker_sim.sweep import build_sweep_model
 from whisker_sim.trace import remove_leftovers
 
@@ -201,6 +203,27 @@ def test_robust_unstable_step_fails_with_name_and_time(make_run, tmp_path, monke
     assert outcome.code == 1
     assert re.search(r"sweep\.json: sweep: MuJoCo warns: .*unstable.* Time = 0\.\d+", outcome.line)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("warning", "words"),
+    [
+        ("Nothing is left", "MuJoCo warns between 0.0000 s and 1.0000 s: Nothing is left"),
+        ("Unstable. Time = 0.2500.", "MuJoCo warns: Unstable. Time = 0.2500."),
+    ],
+)
+def test_verif_warnings_state_their_time(make_run, monkeypatch, warning, words):
+    """If MuJoCo does not state it, the message states the span of time that was integrated."""
+
+    def warn(*arguments, **options):
+        _warnings.append(warning)
+        return rollout(*arguments, **options)
+
+    rollout = mujoco.rollout.rollout
+    monkeypatch.setattr("mujoco.rollout.rollout", warn)
+    with pytest.raises(SimulationError) as error:
+        simulate(make_run())
+    assert str(error.value) == words
 
 
 def test_verif_only_own_leftovers_are_removed(tmp_path):

@@ -12,6 +12,7 @@ from whisker_sim.errors import SimulationError
 from whisker_sim.motions import Stage
 from whisker_sim.physics.frequencies import chain_hz
 from whisker_sim.physics.rig import beam_rad_m, pushes
+from whisker_sim.rig import files
 from whisker_sim.rig.command import main
 from whisker_sim.rig.files import Axes, make_rig, ringing_of
 from whisker_sim.rig.magnet import Magnet, Magnetometer, field_of
@@ -197,6 +198,41 @@ def test_verif_the_file_is_a_full_sorted_grid():
     assert table["rows"] == len(rows) == len(contact) * len(push)
     np.testing.assert_allclose(rows[:, 0], np.repeat(contact, len(push)), atol=1e-12)
     np.testing.assert_allclose(rows[:, 1], np.tile(push, len(contact)), atol=1e-12)
+
+
+SMALL = Axes(Axis(0.1, 0.01, 2), Axis(0.0, 0.001, 2))
+
+
+def test_verif_the_hash_of_the_inputs_is_that_of_the_sources_of_the_table_too(monkeypatch):
+    scene = load_runs(ROUTINE)[1][0].scene
+    before, rows = make_rig(scene, SMALL)
+    assert make_rig(scene, SMALL)[0] == before
+    (changed,) = {files.sources_sha256(files._SOURCES), "0" * 64} - {files.sources_sha256(files._SOURCES)}
+    monkeypatch.setattr(files, "sources_sha256", lambda modules: changed)
+    after, same_rows = make_rig(scene, SMALL)
+    assert rows == same_rows
+    assert before.inputs_sha256 != after.inputs_sha256
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("friction", 0.3),
+        ("object_velocity_m_s", [0.001, 0.0]),
+        ("object_stand", {"mass_kg": 0.01, "friction": 0.5}),
+        ("object_stiffness_n_m", 20.0),
+        ("vibration", {"acceleration_m_s2": 0.5, "low_hz": 5.0, "high_hz": 60.0}),
+    ],
+)
+def test_robust_effects_that_a_table_at_rest_does_not_have(tmp_path, capsys, key, value):
+    scene, out = tmp_path / "scene.json", tmp_path / "out"
+    scene.write_text(json.dumps(json.loads(ROUTINE.read_text()) | {key: value}, indent=2))
+    line = scene.read_text().splitlines().index(next(line for line in scene.read_text().splitlines() if f'"{key}"' in line)) + 1
+    assert main(["--scene", str(scene), "--out", str(out)]) == 2
+    found = json.dumps(value, separators=(",", ":"))
+    expected = f"error: {scene}:{line}:3: {key}: expected none in the scene of a table at rest, found {found}\n"
+    assert capsys.readouterr().err == expected
+    assert not out.exists()
 
 
 def test_robust_the_command_requires_a_scene(tmp_path, capsys):

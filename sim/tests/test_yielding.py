@@ -52,6 +52,23 @@ def test_val_the_support_of_a_disc_has_two_thirds_of_its_radius(make_run):
     assert abs(reach_mm / 10.0 - 1.0) < 1e-3
 
 
+def test_val_the_support_of_a_square_off_its_origin():
+    """Centroid and mean distance (sqrt 2 + asinh 1) / 6 of its side."""
+    square_mm = 10.0 * np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    center_mm, reach_mm = support(square_mm)
+    np.testing.assert_allclose(center_mm, (5.0, 5.0), atol=1e-12)
+    assert reach_mm == pytest.approx(10.0 * (np.sqrt(2.0) + np.arcsinh(1.0)) / 6.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("shift_mm", [(30.0, -20.0), (-400.0, 0.0)])
+def test_verif_the_support_does_not_depend_on_the_origin_of_the_outline(shift_mm):
+    outline_mm = np.array(((-10.0, -10.0), (12.0, -8.0), (9.0, 11.0), (-4.0, 13.0)))
+    center_mm, reach_mm = support(outline_mm)
+    shifted_mm, same_mm = support(outline_mm + shift_mm)
+    np.testing.assert_allclose(shifted_mm, center_mm + shift_mm, rtol=1e-12)
+    assert same_mm == pytest.approx(reach_mm, rel=1e-9)
+
+
 def test_verif_a_displacement_does_not_depend_on_the_time_step(make_run):
     moved = {}
     for timestep_s in (5e-4, 1e-4):

@@ -36,7 +36,7 @@ from whisker_sim.lock import exclusive
 from whisker_sim.motions import AnyMotion
 from whisker_sim.paths import DATASETS, whisker_program
 from whisker_sim.progress import Progress
-from whisker_sim.runs import Redrawn, Run, check_plan, first_of_each_set, load_runs, with_simulation
+from whisker_sim.runs import Redrawn, Run, check_plan, first_of_each_set, load_runs, set_name, with_simulation
 from whisker_sim.scene import LARGEST_SEED, SIMULATIONS
 from whisker_sim.schema import scene_schema
 from whisker_sim.shapes import AnyShape
@@ -234,7 +234,7 @@ def _make_traces(
     options: argparse.Namespace, executor: Executor, share: tuple[int, int] = (1, 1), animations: Path | None = None
 ) -> int:
     items: list[tuple[Path, Run]] = []
-    drawn: set[str] = set()
+    drawn: list[Run] = []
     is_redrawn = options.seed is not None or options.count is not None
     redrawn = Redrawn(options.seed, options.count) if is_redrawn else None
     for file in options.files:
@@ -244,7 +244,7 @@ def _make_traces(
         if animations is not None and suite is None:
             raise InputError(f"{file}: expected a suite with --animations, found a scene; `render` draws a scene")
         if animations is not None:
-            drawn |= {run.name for run in first_of_each_set(runs)}
+            drawn += first_of_each_set(runs)
         if options.simulation is None:
             items += [(options.out or DATASETS / suite, run) for run in runs]
             continue
@@ -259,15 +259,24 @@ def _make_traces(
     for target, run in targets:
         if count[target] > 1:
             raise InputError(f"{run.path}: expected traces of different names, found '{target.name}' {count[target]} times")
+    pictures = Counter(set_name(run) for run in drawn)
+    for run in drawn:
+        if pictures[set_name(run)] > 1:
+            raise InputError(
+                f"{run.path}: expected animations of different names, found '{set_name(run)}' {pictures[set_name(run)]} times; "
+                "give each suite another --animations DIR"
+            )
     sidecars = [target.with_name(f"{target.name}.json") for target, _ in targets]
     _check_apart(sidecars, [*options.files, *(run.path for _, run in items)])
     # An interrupt while MuJoCo is imported would be lost, or taken for a failure of the library.
     with deferred_interrupts():
         from whisker_sim import products
     number, shares = share
-    job = products.trace_job(options.force, animations, frozenset(drawn))
+    job = products.trace_job(options.force, animations, frozenset((run.path, run.name) for run in drawn))
+    written = {folder for folder, _ in items} | ({animations} if animations else set())
     with ExitStack() as locks:
-        for folder in sorted({folder for folder, _ in items}):
+        # A folder under two names is locked once: the second lock would wait for the first.
+        for folder in sorted({folder.resolve(): folder for folder in sorted(written)}.values()):
             locks.enter_context(exclusive(folder, f"{number}-of-{shares}" if shares > 1 else ""))
         return run_job(job, items[number - 1 :: shares], executor, options.force)
 

@@ -37,6 +37,8 @@ _ANSWER_S = 10
 """Timeout of the connection to the scheduler."""
 _SHARES_A_THREAD = 4
 """Shares of an evaluation per thread of the workers: small enough to balance the load and to lose little with a worker."""
+_PARTS = ".parts-"
+"""Beginning of the names of the folders of parts, which eight characters of `tempfile` follow."""
 
 # MuJoCo's warnings are collected per process, so that the threads of a worker simulate one at a time.
 _lock = Lock()
@@ -50,7 +52,9 @@ def cluster_executor(address: str) -> Executor:
 def _on_cluster(address: str, job: Job, items: Items, progress: Progress) -> Iterator[Outcome]:
     # Workers have another working directory.
     items = [(folder.resolve(), msgspec.structs.replace(run, path=run.path.resolve())) for folder, run in items]
-    with _part_folders({folder for folder, _ in items}) as parts, _connected(address) as client:
+    folders = {folder for folder, _ in items}
+    _remove_leftovers(folders)
+    with _part_folders(folders) as parts, _connected(address) as client:
         progress.start(())
         expected = _generator()
         tasks = {
@@ -166,22 +170,26 @@ def _check_worker(expected: str, found: str, parts: Path) -> None:
         raise WhiskerSimError(f"worker {worker}: expected the client's folder {parts.parent}, found none; they must share it")
 
 
+def _remove_leftovers(folders: Iterable[Path]) -> None:
+    """Removes the folders of parts of killed clients from `folders`, which are locked: there is no other client that lives."""
+    for folder in folders:
+        for part in folder.glob(f"{_PARTS}????????"):
+            shutil.rmtree(part, ignore_errors=True)
+
+
 @contextmanager
 def _part_folders(folders: Iterable[Path]) -> Iterator[dict[Path, Path]]:
     """Creates a hidden folder in each of `folders`, by which workers recognise the client's folder, and removes it at the end."""
-    parts = {folder: folder / ".parts" for folder in folders}
-
-    def remove() -> None:
-        for part in parts.values():
-            shutil.rmtree(part, ignore_errors=True)
-
-    remove()
-    for part in parts.values():
-        part.mkdir(parents=True, exist_ok=True)
+    parts: dict[Path, Path] = {}
     try:
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
+            # A name that nothing else has: what is removed at the end was created here.
+            parts[folder] = Path(tempfile.mkdtemp(prefix=_PARTS, dir=folder))
         yield parts
     finally:
-        remove()
+        for part in parts.values():
+            shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

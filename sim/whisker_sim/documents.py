@@ -2,12 +2,15 @@
 
 import json
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from whisker_sim.errors import InputError
+from whisker_sim.whisker import PATTERNS
 
 T = TypeVar("T")
 
@@ -17,12 +20,15 @@ _OTHER = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
 # Message of a struct's own check: the key, relative to the struct, then the error.
 _KEYED = re.compile(r"(?P<keys>[a-z0-9_]+(\.[a-z0-9_]+)*): (?P<text>.*)", re.DOTALL)
 _PATH_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
+_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+', re.DOTALL)
+"""Tokens of JSON: strings, punctuation, and the rest."""
 
 
 def read_json(path: Path) -> tuple[Any, str]:
     """Parses the JSON document at `path`; returns the value and the text.
 
-    Raises `InputError` if the file cannot be read, is not UTF-8 or not JSON, repeats a key, or contains NaN or an infinity.
+    Raises `InputError` if the file cannot be read, is not UTF-8 or not JSON, repeats a key, or contains NaN, an infinity or an
+    integer of more digits than Python converts.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -36,8 +42,17 @@ def read_json(path: Path) -> tuple[Any, str]:
         if len(document) < len(pairs):
             keys = [key for key, _ in pairs]
             key = next(key for key in keys if keys.count(key) > 1)
-            raise InputError(f"{path}{_position(text, [key])}: expected the key '{key}' once, found it {keys.count(key)} times")
+            where = _position_of_repeated(text, key)
+            raise InputError(f"{path}{where}: expected the key '{key}' once, found it {keys.count(key)} times")
         return document
+
+    def whole(number: str) -> int:
+        try:
+            return int(number)
+        except ValueError:
+            digits, most = len(number.removeprefix("-")), sys.get_int_max_str_digits()
+            where = _position_of(text, number)
+            raise InputError(f"{path}{where}: expected a number of at most {most} digits, found one of {digits}") from None
 
     def only_finite(number: str) -> float:
         value = float(number)
@@ -49,7 +64,9 @@ def read_json(path: Path) -> tuple[Any, str]:
         raise InputError(f"{path}{_position_of(text, constant)}: expected a finite number, found {constant}")
 
     try:
-        value = json.loads(text, object_pairs_hook=no_repeated_keys, parse_float=only_finite, parse_constant=not_a_number)
+        value = json.loads(
+            text, object_pairs_hook=no_repeated_keys, parse_int=whole, parse_float=only_finite, parse_constant=not_a_number
+        )
     except json.JSONDecodeError as error:
         found = repr(text[error.pos : error.pos + 12]) if error.pos < len(text) else "the end of the file"
         raise InputError(f"{path}:{error.lineno}:{error.colno}: expected JSON ({error.msg}), found {found}") from None
@@ -89,7 +106,9 @@ def _explain(message: str, value: Any, text: str, kind: type) -> str:
     if match := _MISSING_FIELD.match(message):
         path = _steps(match["path"])
         where = f"{_dotted(path)}: " if path else ""
-        return f"{_position(text, path)}: {where}expected the key '{match['key']}', found only {', '.join(_at(value, path))}"
+        found = ", ".join(_at(value, path))
+        found = f"only {found}" if found else "none"
+        return f"{_position(text, path)}: {where}expected the key '{match['key']}', found {found}"
     match = _OTHER.match(message)
     path = _steps(match["path"])
     if _KEYED.fullmatch(match["text"]):
@@ -99,6 +118,7 @@ def _explain(message: str, value: Any, text: str, kind: type) -> str:
     detail = match["text"].replace("`", "")
     detail = detail.split(", got")[0]
     detail = re.sub(r"^Invalid (enum )?value .*$", lambda _: f"expected one of {', '.join(_choices(kind, path))}", detail)
+    detail = re.sub(r"str matching regex '(.*)'$", lambda match: PATTERNS[match[1].replace("\\\\", "\\")], detail)
     detail = detail[0].lower() + detail[1:]
     return f"{_position(text, path)}: {where}{detail}, found {found}"
 
@@ -135,20 +155,52 @@ def _brief(value: Any) -> str:
 
 
 def _position(text: str, path: list[str | int]) -> str:
-    """`:line:column` of the last key of `path`, found by searching the text for its keys in turn; empty for the whole document."""
-    start, found = 0, None
-    for step in path:
-        if isinstance(step, str):
-            match = re.compile(rf"{re.escape(json.dumps(step))}\s*:").search(text, start)
-            if match is None:
-                break
-            found, start = match.start(), match.end()
+    """`:line:column` of the key or list element `path`, or of the last of its parents that is there; empty for the document."""
+    offsets = dict(_places(text))
+    parents = (tuple(path[:length]) for length in range(len(path), 0, -1))
+    found = next((offsets[place] for place in parents if place in offsets), None)
     return "" if found is None else _line_and_column(text, found)
 
 
-def _position_of(text: str, token: str) -> str:
-    match = re.search(rf"(?<![\w.\"]){re.escape(token)}(?![\w\"])", text)
-    return _line_and_column(text, match.start()) if match else ""
+def _position_of_repeated(text: str, key: str) -> str:
+    """`:line:column` of the second `key` of the first object that has it twice."""
+    seen = set()
+    for place, offset in _places(text):
+        if place in seen and place[-1] == key:
+            return _line_and_column(text, offset)
+        seen.add(place)
+    return ""
+
+
+def _position_of(text: str, number: str) -> str:
+    """`:line:column` of the first token that begins with `number`, outside of strings."""
+    starts = (match.start() for match in _TOKEN.finditer(text) if match[0].startswith(number))
+    return _line_and_column(text, next(starts))
+
+
+def _places(text: str) -> Iterator[tuple[tuple[str | int, ...], int]]:
+    """Path and offset of every key and of every element of a list in the JSON `text`, in their order.
+
+    The text may be wrong beyond the last place that is asked for.
+    """
+    # Brackets of the objects and lists around the token, and the current key or index in each.
+    around, path, before = [], [], ""
+    for match in _TOKEN.finditer(text):
+        token = match[0]
+        if token in ("}", "]"):
+            around, path = around[:-1], path[:-1]
+        elif token == "," and around and around[-1] == "[":
+            path[-1] += 1
+        elif token not in (",", ":"):
+            is_key = bool(around) and around[-1] == "{" and before != ":"
+            if is_key:
+                path[-1] = json.loads(token)
+            if is_key or (around and around[-1] == "["):
+                yield tuple(path), match.start()
+            if token in ("{", "["):
+                around.append(token)
+                path.append("" if token == "{" else 0)
+        before = token
 
 
 def _line_and_column(text: str, offset: int) -> str:

@@ -16,4 +16,4 @@ class InputError(WhiskerSimError):
 
 
 class SimulationError(WhiskerSimError):
-    """Failed simulation of a trace. The message states the time."""
+    """Failed simulation of a trace. The message states the time, or the span of time, of a failure in the course of it."""

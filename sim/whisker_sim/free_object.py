@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from whisker_sim.shapes import AnyShape
-from whisker_sim.whisker import Length, Positive
+from whisker_sim.whisker import WORD, Length, Positive
 
 TableFriction = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """Coefficient of Coulomb friction between an object and the table."""
@@ -21,7 +21,7 @@ class Stand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An object that stands freely on the table."""
 
-    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]*\Z", max_length=40)]
+    name: Annotated[str, msgspec.Meta(pattern=WORD, max_length=40)]
     object: AnyShape
     mass_kg: Positive
     height_m: Length

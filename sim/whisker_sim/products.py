@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
+import numpy as np
 
 from whisker_sim import trace
 from whisker_sim.arm import recording
@@ -83,6 +84,10 @@ PRODUCTS: dict[type, Product] = {
 """Products by kind of scene."""
 
 
+Drawn = frozenset[tuple[Path, str]]
+"""Files of the scenes and names of the runs that are drawn: runs of several suites may have the same name."""
+
+
 def product_of(run: Run) -> Product:
     """Operations on `run`."""
     return PRODUCTS[type(run.scene)]
@@ -94,15 +99,15 @@ def replayed(run: Run) -> tuple[mujoco.MjModel, Array]:
     return product.replay(run, product.simulate(run))
 
 
-def trace_job(force: bool, animations: Path | None = None, drawn: frozenset[str] = frozenset()) -> Job:
-    """The job that makes traces and recordings and, from the same simulation, animations of the runs named in `drawn`.
+def trace_job(force: bool, animations: Path | None = None, drawn: Drawn = frozenset()) -> Job:
+    """The job that makes traces and recordings and, from the same simulation, animations of the runs in `drawn`.
 
     `force` makes up-to-date files again.
     """
 
     def is_up_to_date(folder: Path, run: Run) -> bool:
         product = product_of(run)
-        drawing = run.name in drawn and not is_rendered(animations, run, product.renderer)
+        drawing = (run.path, run.name) in drawn and not is_rendered(animations, run, product.renderer)
         return product.is_up_to_date(folder, run) and not drawing
 
     make = partial(make_trace, force=force, animations=animations, drawn=drawn)
@@ -123,14 +128,12 @@ def picture_job(path: Path) -> Job:
     return Job("render", "picture", lambda _: path.stem, lambda *_: False, partial(_make_picture, path))
 
 
-def make_trace(
-    folder: Path, run: Run, force: bool = False, animations: Path | None = None, drawn: frozenset[str] = frozenset()
-) -> Outcome:
+def make_trace(folder: Path, run: Run, force: bool = False, animations: Path | None = None, drawn: Drawn = frozenset()) -> Outcome:
     """Simulates `run`; writes its trace into `folder` and its animation into `animations` unless they are up to date."""
     product = product_of(run)
 
     def work() -> str:
-        draws = run.name in drawn and (force or not is_rendered(animations, run, product.renderer))
+        draws = (run.path, run.name) in drawn and (force or not is_rendered(animations, run, product.renderer))
         simulation_share = 0.5 if draws else 0.9
         with part(0.0, simulation_share):
             simulated = product.simulate(run)
@@ -179,10 +182,16 @@ def _simulated_renderer(run: Run) -> Renderer:
 
 
 def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
-    """Outcome of `work` on `run`: its line of text, or its error."""
+    """Outcome of `work` on `run`: its line of text, or its error.
+
+    An error of the arithmetic or for lack of memory concerns this run alone, and the other runs go on.
+    """
     try:
         return Outcome(SUCCESS, work())
     except InputError as error:
         return Outcome(WRONG_INPUT, f"error: {error}")
     except WhiskerSimError as error:
         return Outcome(FAILED, f"error: {run.path}: {run.name}: {error}")
+    except (ArithmeticError, MemoryError, ValueError, np.linalg.LinAlgError) as error:
+        found = WhiskerSimError(" ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":"))
+        return Outcome(FAILED, f"error: {run.path}: {run.name}: unexpected {found}")

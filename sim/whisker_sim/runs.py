@@ -93,7 +93,7 @@ def load_runs(path: Path, redrawn: Redrawn | None = None) -> tuple[str | None, l
         if not scene_path.is_file():
             raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found no file '{entry.scene}'")
         scene = load(scene_path)
-        if isinstance(scene, Suite):
+        if isinstance(scene, Suite | RandomSuite):
             raise InputError(f"{path}: scenes[{index}].scene: expected a scene's file, found the suite '{entry.scene}'")
         check_files(scene_path, scene)
         seeds = entry.seeds or (scene.seed,)

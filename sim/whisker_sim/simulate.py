@@ -136,6 +136,8 @@ def simulate(run: Run) -> Simulated:
         base_pose = np.column_stack((gave_way.to_start(base_pose[:, :2]), base_pose[:, 2] - gave_way.yaw_rad))
     line = CenterLine.from_joints(whisker, base_pose, rotations_rad)
     truth = nearest_contact(line, scene.object)
+    # With friction the chains in parallel may touch one place with more than the `POINTS` strongest contacts.
+    split = is_split(sensors[:, SENSORS["points"].start :])
     second = None
     if not scene.object.convex:
         contacts = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)
@@ -151,7 +153,7 @@ def simulate(run: Run) -> Simulated:
         force_n=force_n if second is None else first_force_n,
         nearest=np.zeros(len(qpos), dtype=int),
         truth=truth,
-        split=is_split(sensors) if second is None else is_split(sensors) | second.exists,
+        split=split if second is None else split | second.exists,
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
         friction=_friction(scene, qpos, qvel, sensors, truth) if scene.friction_coefficient > 0.0 else None,
         second=second,
@@ -239,19 +241,19 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, chunk: int
             after, readings = mujoco.rollout.rollout(model, data, state[None], control[None], initial_warmstart=warmstart[None])
         except mujoco.FatalError as error:
             # As when the contacts need more memory than the model has.
-            raise SimulationError(f"MuJoCo fails: {error}") from None
-        _check_physics(after[0], start * timestep_s, timestep_s)
+            raise SimulationError(f"MuJoCo fails {_span(start, len(control), timestep_s)}: {error}") from None
+        _check_physics(after[0], start, timestep_s)
         report_share(min(1.0, (start + chunk) / len(controls)))
         yield after[0], readings[0]
         state = after[0][-1]
 
 
-def is_split(sensors: Array) -> NDArray[np.bool_]:
-    """Mask (n,) of rows with contacts at separate points, from one whisker's sensor data (n, columns of `SENSORS`).
+def is_split(points: Array) -> NDArray[np.bool_]:
+    """Mask (n,) of rows with contacts at separate points, from forces and positions (n, 6 k) of one whisker's contacts.
 
     The contacts are separate if the diagonal of their bounding box exceeds `SEPARATE_M`.
     """
-    slots = sensors[:, SENSORS["points"]].reshape(len(sensors), -1, 6)
+    slots = points.reshape(len(points), -1, 6)
     loaded = np.any(slots[:, :, :3] != 0.0, axis=-1)
     several = np.sum(loaded, axis=1) > 1
     points_mm, where = slots[several, :, 3:], loaded[several, :, None]
@@ -262,13 +264,20 @@ def is_split(sensors: Array) -> NDArray[np.bool_]:
     return extent_mm > MM_PER_M * SEPARATE_M
 
 
-def _check_physics(states: Array, start_s: float, timestep_s: float) -> None:
+def _span(start: int, steps: int, timestep_s: float) -> str:
+    """Text for the time of `steps` steps from the step `start` on, within which MuJoCo reports something without its time."""
+    return f"between {start * timestep_s:.4f} s and {(start + steps) * timestep_s:.4f} s"
+
+
+def _check_physics(states: Array, start: int, timestep_s: float) -> None:
     if _warnings:
-        raise SimulationError(f"MuJoCo warns: {_warnings[0]}")
+        # Warnings about the state of the simulation end with their time.
+        when = "" if "Time = " in _warnings[0] else f" {_span(start, len(states), timestep_s)}"
+        raise SimulationError(f"MuJoCo warns{when}: {_warnings[0]}")
     # A value that is not finite remains so.
     if not np.all(np.isfinite(states[-1])):
         finite = np.all(np.isfinite(states), axis=1)
-        raise SimulationError(f"state is not finite at {start_s + timestep_s * (int(np.argmin(finite)) + 1):.4f} s")
+        raise SimulationError(f"state is not finite at {timestep_s * (start + int(np.argmin(finite)) + 1):.4f} s")
 
 
 class _Contacts(Protocol):

@@ -5,6 +5,7 @@ import hashlib
 import os
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -63,6 +64,7 @@ YIELDING_COLUMNS = (
 )
 """Further columns of a trace with an object that gives way."""
 
+_PACKAGE = Path(whisker_sim.__file__).parent
 _WITHOUT_INFLUENCE = {
     "__main__.py",
     "arm/picture.py",
@@ -309,14 +311,18 @@ def inputs_sha256(scene: msgspec.Struct) -> str:
 @functools.cache
 def generator() -> Generator:
     """The running generator."""
-    package = Path(whisker_sim.__file__).parent
+    modules = (path.relative_to(_PACKAGE) for path in _PACKAGE.rglob("*.py"))
+    digest = sources_sha256(m.as_posix() for m in modules if _WITHOUT_INFLUENCE.isdisjoint((m.parts[0], m.as_posix())))
+    commit = _git_commit(_PACKAGE) if IN_REPOSITORY else None
+    return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), commit, digest)
+
+
+def sources_sha256(modules: Iterable[str]) -> str:
+    """Hash of the sources of modules, given by their paths in this package."""
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        module = path.relative_to(package)
-        if _WITHOUT_INFLUENCE.isdisjoint((module.parts[0], module.as_posix())):
-            digest.update(module.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    commit = _git_commit(package) if IN_REPOSITORY else None
-    return Generator("whisker_sim", whisker_sim.__version__, version("mujoco"), commit, digest.hexdigest())
+    for module in sorted(modules, key=Path):
+        digest.update(module.encode() + b"\0" + (_PACKAGE / module).read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 def _git_commit(folder: Path) -> str | None:

@@ -4,6 +4,8 @@ It excites the free whisker as on a robot: the simulated base vibrates and the w
 true pose of the base; errors of a robot's encoders are modelled elsewhere, by a sensor front end.
 """
 
+from typing import Annotated
+
 import msgspec
 import numpy as np
 
@@ -17,7 +19,9 @@ class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     `acceleration_m_s2` is the root mean square of the commanded acceleration along each axis.
     """
 
-    acceleration_m_s2: Positive
+    acceleration_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=30.0)]
+    """At most three times that of gravity. No larger one leaves a sweep in contact, in whatever band between 5 and 400 Hz; from a
+    hundred on the integration is unstable."""
     low_hz: Positive = 5.0
     high_hz: Positive = 60.0
 

@@ -10,9 +10,20 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*\Z", max_length=100)]
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*\Z"
+WORD = r"^[a-z][a-z0-9_]*\Z"
+PATTERNS = {
+    NAME: "letters, digits, '_' and '-', the first a letter or a digit",
+    WORD: "small letters, digits and '_', the first a letter",
+}
+"""Patterns of texts, in words."""
+Name = Annotated[str, msgspec.Meta(pattern=NAME, max_length=100)]
 """Also used as part of file names."""
 Length = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+LEAST_DIMENSION_M = 1e-5
+"""Ten times the chord error of an outline, `shapes.base.CHORD_ERROR_M`."""
+Dimension = Annotated[float, msgspec.Meta(ge=LEAST_DIMENSION_M, le=10.0)]
+"""A dimension of an object."""
 NotNegativeLength = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Coordinate = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
 Angle = Annotated[float, msgspec.Meta(ge=-4.0 * np.pi, le=4.0 * np.pi)]
@@ -28,11 +39,24 @@ class Arc(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     curvature_per_m: float
 
 
+_PLAUSIBLE = {
+    "root_diameter_m": (1e-6, 0.1, "m"),
+    "tip_diameter_m": (1e-6, 0.1, "m"),
+    "youngs_modulus_pa": (1e5, 1e13, "Pa"),
+    "density_kg_m3": (1.0, 3e4, "kg/m3"),
+}
+"""Smallest and largest values with their unit: from the softest gels to beyond diamond, and from aerogels to beyond osmium."""
+_STEEPEST = 0.5
+"""Bound of the slope of the radius, which is a sine: the flanks of a cone of 30 degrees."""
+
+
 class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of a whisker, as stored in the sidecar of a trace.
 
     `damping_s` is the ratio of damping to stiffness of every hinge, including the root (a Kelvin-Voigt time constant). With time
     steps h, a mode of angular frequency w has the damping ratio w (damping_s + h) / 2.
+
+    Raises `ValueError` for values that no whisker has: most are errors of the unit or of an exponent.
     """
 
     name: str
@@ -50,6 +74,27 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         total_m = sum(arc.length_m for arc in self.curvature)
         if abs(total_m - self.length_m) > 1e-9:
             raise ValueError(f"whisker.curvature: expected lengths that add up to length_m = {self.length_m}, found {total_m}")
+        for key, (least, most, unit) in _PLAUSIBLE.items():
+            value = getattr(self, key)
+            if not least <= value <= most:
+                raise ValueError(f"whisker.{key}: expected {least:g} to {most:g} {unit}, found {value:g}")
+        if abs(self.radius_slope) >= _STEEPEST:
+            raise ValueError(
+                f"whisker.tip_diameter_m: expected a radius that changes by less than {_STEEPEST:g} m per metre of length_m, "
+                f"found {self.radius_slope:.3g}"
+            )
+        start_m = 0.0
+        for arc in self.curvature:
+            turn_rad = abs(arc.curvature_per_m) * arc.length_m
+            if turn_rad > np.pi:
+                raise ValueError(f"whisker.curvature: expected arcs that turn by at most pi, found {turn_rad:.4g} rad")
+            thickest_m = float(np.max(self.radius_m((start_m, start_m + arc.length_m))))
+            if abs(arc.curvature_per_m) * thickest_m >= 1.0:
+                raise ValueError(
+                    f"whisker.curvature: expected arcs of a larger radius than the whisker's own, {thickest_m:.3g} m, "
+                    f"found the curvature {arc.curvature_per_m:g} per metre"
+                )
+            start_m += arc.length_m
 
     @property
     def segment_m(self) -> float:

@@ -117,19 +117,27 @@ def _add_foot(body: ET.Element, outline_mm: Array, friction: float, timestep_s: 
 
 
 def support(outline_mm: Array) -> tuple[Array, float]:
-    """Centroid (2,) of a polygon that contains the origin, and the mean distance of its points from it.
+    """Centroid (2,) of a convex polygon, and the mean distance of its points from it.
 
-    Sums over the triangles between the origin and the edges, and over equal parts of them, each a point at its own centroid.
+    The centroid is a sum over the signed triangles between the origin and the edges. The mean distance is one over the triangles
+    between the centroid and the edges, and over equal parts of them, each a point at its own centroid.
     """
-    a, b = outline_mm, np.roll(outline_mm, -1, axis=0)
-    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    a, b, area = _triangles(outline_mm)
     center_mm = area @ (a + b) / 3.0 / area.sum()
+    # The parts of a triangle are not exact for a distance: signed ones from a point outside would add up their errors.
+    a, b, area = _triangles(outline_mm - center_mm)
     share = (np.arange(_PARTS) + 0.5) / _PARTS
     # Points u a + v b with the Jacobian 2 area; u + v = w at the area w dw.
     w, t = np.meshgrid(np.sqrt(share), share)
     points_mm = w[..., None, None] * ((1.0 - t)[..., None, None] * a + t[..., None, None] * b)
-    distance_mm = np.mean(np.linalg.norm(points_mm - center_mm, axis=-1), axis=(0, 1))
+    distance_mm = np.mean(np.linalg.norm(points_mm, axis=-1), axis=(0, 1))
     return center_mm, float(area @ distance_mm / area.sum())
+
+
+def _triangles(outline_mm: Array) -> tuple[Array, Array, Array]:
+    """Corners (n, 2) and (n, 2) of the triangles between the origin and the edges of a polygon, and their signed areas (n,)."""
+    a, b = outline_mm, np.roll(outline_mm, -1, axis=0)
+    return a, b, 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def yielding(model: mujoco.MjModel, qpos: Array, shape: Shape) -> Yielding:

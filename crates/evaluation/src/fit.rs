@@ -220,8 +220,9 @@ impl WhiskerFit<'_> {
             let (left_out, gated, no_sensor) = (Vec::new(), Vec::new(), None);
             return Ok(Fitted { calibration, path, is_new: false, left_out, gated, no_sensor });
         }
+        let is_recorded =
+            are_recordings(self.traces.iter().map(|trace| (&*trace.sidecar.name, trace.sidecar.recorded.is_some())))?;
         // The readings of a recording already contain noise.
-        let is_recorded = self.traces.iter().any(|trace| trace.sidecar.recorded.is_some());
         let noise = if is_recorded { 0.0 } else { self.settings.noise };
         let (front_end, readings_n_m) = self.read(noise)?;
         let (faces, left_out) = self.faces(&readings_n_m)?;
@@ -265,8 +266,7 @@ impl WhiskerFit<'_> {
                 ));
             }
         }
-        let noise = self.traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
-        let noise_sd_n_m = mean(noise).unwrap_or_default().sqrt();
+        let noise_sd_n_m = rms_noise_n_m(self.traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m()));
         Ok(SensorFile::recorded(&self.whisker.name, characteristic, noise_sd_n_m))
     }
 
@@ -381,30 +381,46 @@ fn fit_face(
 ) -> anyhow::Result<FaceFits> {
     let measured: Vec<Vec<Sample>> = read.iter().map(|read| contacts(read.trace, read.readings_n_m)).collect();
     let reference: Vec<Vec<Sample>> = read.iter().map(|read| clean_contacts(read.trace)).collect();
-    let noise = read.iter().map(|read| read.trace.sidecar.own_noise_sd_n_m().powi(2)).sum::<f64>() / read.len() as f64;
     let material = FitData {
         whisker,
         face,
         measured: &measured,
         reference: &reference,
-        reference_noise_sd_n_m: noise.sqrt(),
+        reference_noise_sd_n_m: rms_noise_n_m(read.iter().map(|read| read.trace.sidecar.own_noise_sd_n_m())),
         pin_radius_m: pin_radius_m(read.iter().map(|read| read.trace), folder)?,
     };
     let without_friction = sensor::without_friction(&material);
     let material = without_friction.as_ref().map_or(material, |without| without.applied_to(material));
-    let fit = |candidate: &Candidate| {
-        let fitted = sensor::fit(candidate.row, &candidate.config, &material);
+    let fit = |candidate: &Candidate| sensor::fit(candidate.row, &candidate.config, &material);
+    let name = |candidate: &Candidate| format!("{} {}", candidate.row.kind, candidate.own);
+    let (fits, failed) = determined(candidates, fit, name, progress)?;
+    let reference = material.reference.to_vec();
+    Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), reference, failed })
+}
+
+/// Fits the candidates in parallel. Returns the fits of those that the data determine, at least one, and the reasons why others were
+/// left out; the only candidate is never left out.
+///
+/// # Errors
+/// If settings are invalid, or the data determine no candidate.
+pub(crate) fn determined<C: Sync, F: Send>(
+    candidates: &[C],
+    fit: impl Fn(&C) -> Result<F, ModelError> + Sync,
+    name: impl Fn(&C) -> String,
+    progress: &ProgressBar,
+) -> anyhow::Result<(Vec<F>, Vec<String>)> {
+    let counted = |candidate: &C| {
+        let fitted = fit(candidate);
         progress.inc(1);
         fitted
     };
-    let fitted: Vec<Result<Fit, ModelError>> = candidates.par_iter().map(fit).collect();
-    let mut fits = Vec::new();
-    let mut failed = Vec::new();
+    let fitted: Vec<Result<F, ModelError>> = candidates.par_iter().map(counted).collect();
+    let (mut fits, mut failed) = (Vec::new(), Vec::new());
     for (candidate, fitted) in candidates.iter().zip(fitted) {
         match fitted {
             Ok(fit) => fits.push(fit),
             Err(ModelError::Data(reason)) if candidates.len() > 1 => {
-                failed.push(format!("{} {}: {reason}", candidate.row.kind, candidate.own));
+                failed.push(format!("{}: {reason}", name(candidate)))
             }
             Err(error) => return Err(error.into()),
         }
@@ -412,8 +428,26 @@ fn fit_face(
     if fits.is_empty() {
         bail!("no sensor model can be fitted; the first: {}", failed[0]);
     }
-    let reference = material.reference.to_vec();
-    Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), reference, failed })
+    Ok((fits, failed))
+}
+
+/// Whether the calibration traces of a whisker, by name, are recordings.
+///
+/// # Errors
+/// If only some of them are: simulated readings are without noise, unlike recorded ones.
+pub(crate) fn are_recordings<'a>(traces: impl IntoIterator<Item = (&'a str, bool)>) -> anyhow::Result<bool> {
+    let mut traces = traces.into_iter();
+    let Some((first, are_recorded)) = traces.next() else { return Ok(false) };
+    if let Some((other, is_recorded)) = traces.find(|(_, is_recorded)| *is_recorded != are_recorded) {
+        let kind = |is_recorded| if is_recorded { "a recording" } else { "a simulated trace" };
+        bail!("{other}: found {}, expected {}, as {first}", kind(is_recorded), kind(are_recorded));
+    }
+    Ok(are_recorded)
+}
+
+/// Root mean square, over traces, of the standard deviations of their noise (N m).
+pub(crate) fn rms_noise_n_m(sds_n_m: impl Iterator<Item = f64>) -> f64 {
+    mean(sds_n_m.map(|sd_n_m| sd_n_m * sd_n_m)).unwrap_or_default().sqrt()
 }
 
 /// Whether a contact, if there is one, is single and on the side of the whisker.
@@ -505,4 +539,17 @@ fn surface(face: &CalibratedFace) -> Vec<SurfaceRow> {
         }
     }
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_recordings_and_simulated_traces_are_not_fitted_together() {
+        assert!(!are_recordings([("one", false), ("two", false)]).unwrap());
+        assert!(are_recordings([("one", true), ("two", true)]).unwrap());
+        let refused = are_recordings([("one", false), ("two", false), ("three", true)]).unwrap_err().to_string();
+        assert_eq!(refused, "three: found a recording, expected a simulated trace, as one");
+    }
 }

@@ -34,20 +34,21 @@ pub fn update<const N: usize, const M: usize>(
 ) -> Result<Innovation<M>, UpdateError> {
     let prior = *belief;
     let spread = prior.covariance.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
-    let r = measurement.noise(&prior.mean);
+    let (expected, h, r) = measurement.linearised_with_noise(&prior.mean).ok_or(UpdateError::NoPrediction)?;
     let noise = r.cholesky().ok_or(UpdateError::NotPositiveDefinite)?;
-    let cost = |x: &SVector<f64, N>| {
+    let cost = |x: &SVector<f64, N>| -> Result<f64, UpdateError> {
         let residual = measurement.residual(z, &measurement.predict(x).ok_or(UpdateError::NoPrediction)?);
         Ok(squared(&noise, &residual) + squared(&spread, &(x - prior.mean)))
     };
 
     let mut x = prior.mean;
-    let mut least = cost(&x)?;
-    let first = linearised(&prior, measurement, &r, &x, z)?;
+    let mut least = squared(&noise, &measurement.residual(z, &expected));
+    let first = linearised(&prior, measurement, &r, (&x, &expected, h), z)?;
     let mut last = first;
     for iteration in 0..search.iterations {
         if iteration > 0 {
-            last = linearised(&prior, measurement, &r, &x, z)?;
+            let (expected, h) = measurement.linearised(&x).ok_or(UpdateError::NoPrediction)?;
+            last = linearised(&prior, measurement, &r, (&x, &expected, h), z)?;
         }
         let step = last.mean - x;
         let shorter = (0..HALVINGS).map(|halving| x + step * 0.5f64.powi(halving as i32));
@@ -78,16 +79,16 @@ struct Linearised<const N: usize, const M: usize> {
     covariance: SMatrix<f64, M, M>,
 }
 
-/// Mean `x_prior + K (z - h(x) - H (x_prior - x))`, with `H` and `K` taken at `x` (Bell and Cathey 1993, equation 11).
+/// Mean `x_prior + K (z - h(x) - H (x_prior - x))`, with the predicted reading `h(x)`, `H` and `K` taken at `x` (Bell and Cathey 1993,
+/// equation 11).
 fn linearised<const N: usize, const M: usize>(
     prior: &Gaussian<N>,
     measurement: &impl Measurement<N, M>,
     r: &SMatrix<f64, M, M>,
-    x: &SVector<f64, N>,
+    (x, expected, h): (&SVector<f64, N>, &SVector<f64, M>, SMatrix<f64, M, N>),
     z: &SVector<f64, M>,
 ) -> Result<Linearised<N, M>, UpdateError> {
-    let (expected, h) = measurement.linearised(x).ok_or(UpdateError::NoPrediction)?;
-    let residual = measurement.residual(z, &expected) - h * (prior.mean - x);
+    let residual = measurement.residual(z, expected) - h * (prior.mean - x);
     let cross = h * prior.covariance;
     let covariance = symmetrised(cross * h.transpose() + r);
     let gain = covariance.cholesky().ok_or(UpdateError::NotPositiveDefinite)?.solve(&cross).transpose();

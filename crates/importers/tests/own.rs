@@ -282,3 +282,23 @@ fn verif_imported_traces_are_read_again() {
         Sidecar::read(&path).unwrap();
     }
 }
+
+#[test]
+fn robust_a_long_interval_that_is_interpolated_is_stated() {
+    let laboratory = Laboratory::new();
+    let path = laboratory.path("trial_1.csv");
+    let stated = || {
+        let imported = laboratory.import().unwrap();
+        imported.notes.into_iter().filter(|note| note.contains("trial_1: interpolated")).collect::<Vec<_>>()
+    };
+    assert_eq!(stated(), ["trial_1: interpolated to equal intervals"]);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let left: Vec<&str> =
+        text.lines().enumerate().filter(|(i, _)| !(200..240).contains(i)).map(|(_, line)| line).collect();
+    std::fs::write(&path, left.join("\n") + "\n").unwrap();
+    let notes = stated();
+    assert!(
+        notes.len() == 1 && notes[0].contains("up to 0.41") && notes[0].contains("s without a sample"),
+        "{notes:?}"
+    );
+}

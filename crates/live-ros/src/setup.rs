@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use files::Error;
-use live::LiveEstimator;
 use live::counts::{BendingCounts, Counts, Sensor};
+use live::{LiveEstimator, noise_n_m};
 use serde_json::Value;
 use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::{MapConfig, Observer};
@@ -190,8 +190,8 @@ impl Common<'_, SpatialEstimatorRow> {
             );
         }
         let sensor = calibration.sensor;
-        let noise_sd_n_m = entry.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m));
-        let noise_sd_n_m = noise_sd_n_m.ok_or_else(|| self.no_noise(index))?;
+        let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
+        let noise_sd_n_m = noise_n_m(entry.noise_sd_n_m, of_sensor).ok_or_else(|| self.no_noise(index))?;
         let timing = self.mapping.timing;
         let counts = entry.counts.as_ref().map(|counts| {
             let sensor = sensor.ok_or_else(|| {
@@ -199,7 +199,7 @@ impl Common<'_, SpatialEstimatorRow> {
                 let key = format!("whiskers[{index}].calibration");
                 Error::value(self.path, key, "a calibration without a sensor, with `counts`", expected)
             })?;
-            let sensor = BendingSensor { noise_sd_n_m: sensor.noise_sd_n_m.max(noise_sd_n_m), ..sensor };
+            let sensor = BendingSensor { noise_sd_n_m, ..sensor };
             let (largest_n_m, axes) = (calibration.largest_reading_n_m, counts.spatial_axes());
             let CountsEntry { modulo, zeroing_s, .. } = *counts;
             Ok::<_, Error>(BendingCounts::new(sensor, largest_n_m, axes, modulo, zeroing_s, timing, entry.rate_hz))
@@ -233,9 +233,7 @@ impl Common<'_, EstimatorRow> {
             whisker: calibration.whisker.clone(),
             rest: calibration.whisker.rest_shape(),
             faces: read_by(sensor.as_ref(), &calibration.calibrated(&file, self.row.sensor_model)?),
-            noise_sd_n_m: entry
-                .noise_sd_n_m
-                .or(sensor.as_ref().map(|sensor| sensor.noise_sd_n_m))
+            noise_sd_n_m: noise_n_m(entry.noise_sd_n_m, sensor.as_ref().map(|sensor| sensor.noise_sd_n_m))
                 .ok_or_else(|| self.no_noise(index))?,
             base_noise: Default::default(),
             rate_hz: entry.rate_hz,

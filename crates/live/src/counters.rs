@@ -11,6 +11,8 @@ pub struct Counters {
     pub poses: u64,
     /// Readings given to the estimator with their pose.
     pub matched: u64,
+    /// Those of them at which the whisker touches.
+    pub touching: u64,
     /// Estimates of a contact.
     pub estimates: u64,
     /// Readings that the nominal rate leads to expect and that did not arrive in time.
@@ -27,6 +29,8 @@ pub struct Counters {
     pub stale_intervals: u64,
     /// Readings whose pose lies outside the plane.
     pub off_plane: u64,
+    /// Readings whose base moves faster than any robot.
+    pub fast: u64,
     /// Readings beyond the largest plausible one.
     pub gated: u64,
     /// Readings and poses with a value that is not finite.
@@ -38,12 +42,14 @@ pub struct Counters {
 impl Counters {
     /// Names and values.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
-        let Self { readings, poses, matched, estimates, missing, overtaken, late, repeated, stale, .. } = *self;
-        let Self { stale_intervals, off_plane, gated, not_finite, jumps, .. } = *self;
+        let Self { readings, poses, matched, touching, estimates, missing, overtaken, late, repeated, stale, .. } =
+            *self;
+        let Self { stale_intervals, off_plane, fast, gated, not_finite, jumps, .. } = *self;
         [
             ("readings", readings),
             ("poses", poses),
             ("matched", matched),
+            ("touching", touching),
             ("estimates", estimates),
             ("missing", missing),
             ("overtaken", overtaken),
@@ -52,6 +58,7 @@ impl Counters {
             ("stale", stale),
             ("stale_intervals", stale_intervals),
             ("off_plane", off_plane),
+            ("fast", fast),
             ("gated", gated),
             ("not_finite", not_finite),
             ("jumps", jumps),
@@ -62,8 +69,11 @@ impl Counters {
 
 impl fmt::Display for Counters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { readings, poses, matched, estimates, .. } = self;
-        write!(f, "{readings} readings, {poses} poses, {matched} readings with a pose, {estimates} estimates")?;
+        let Self { readings, poses, matched, touching, estimates, .. } = self;
+        write!(
+            f,
+            "{readings} readings, {poses} poses, {matched} readings with a pose, {touching} of them in contact, {estimates} estimates"
+        )?;
         let rest = [
             (self.missing, "missing"),
             (self.overtaken, "overtaken"),
@@ -71,6 +81,7 @@ impl fmt::Display for Counters {
             (self.repeated, "repeated"),
             (self.stale, "without a pose in time"),
             (self.off_plane, "with a pose off the plane"),
+            (self.fast, "with an implausibly fast base"),
             (self.gated, "gated"),
             (self.not_finite, "not finite"),
             (self.jumps, "jumps of a clock"),

@@ -10,7 +10,7 @@ use whisker::space;
 
 use crate::clock::Jump;
 use crate::counters::Counters;
-use crate::event::{Event, Stream};
+use crate::event::{Event, MOST_RATE_RAD_S, MOST_SPEED_M_S, Stream};
 use crate::kind::{Kind, Planar, Spatial};
 use crate::matching::{Admitted, Arrived, Matching};
 use crate::motion::{Motion, Place};
@@ -124,6 +124,10 @@ pub struct LiveEstimator<M = Poses, K: Kind = Planar> {
     counters: Counters,
     /// Status of the last reading, if it had no pose.
     blocked: Option<Status>,
+    /// Time and pose of the last reading with a pose.
+    last: Option<(f64, K::Base)>,
+    /// Whether the base has moved faster than any robot.
+    was_fast: bool,
 }
 
 impl LiveEstimator {
@@ -208,6 +212,8 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
             estimates: Vec::new(),
             counters: Counters::default(),
             blocked: None,
+            last: None,
+            was_fast: false,
         })
     }
 
@@ -324,12 +330,27 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         }
         self.start.get_or_insert(base);
         self.counters.matched += 1;
+        self.check_speed(t_s, &base, out);
         let is_gated = !self.estimator.admits(&reading_n_m);
         self.counters.gated += u64::from(is_gated);
         self.estimator.push(t_s, &base, reading_n_m, &mut self.estimates);
+        self.counters.touching += u64::from(self.estimator.touches());
         let status = if is_gated { Status::Gated } else { Status::Used };
         self.held.push(Answer { base: Some(base), ..answer(arrived, status) });
         self.release_unless_held(out);
+    }
+
+    /// Compares the motion of the base since the last reading with that of any robot: poses in another unit are faster.
+    fn check_speed(&mut self, t_s: f64, base: &K::Base, out: &mut OutputOf<K>) {
+        let Some((last_s, last)) = self.last.replace((t_s, *base)) else { return };
+        let [speed_m_s, rate_rad_s] = <[f64; 2]>::from(K::way(&last, base)).map(|way| way / (t_s - last_s));
+        if speed_m_s <= MOST_SPEED_M_S && rate_rad_s <= MOST_RATE_RAD_S {
+            return;
+        }
+        self.counters.fast += 1;
+        if !std::mem::replace(&mut self.was_fast, true) {
+            out.events.push(Event::Fast { t_s, speed_m_s, rate_rad_s });
+        }
     }
 
     /// Answers a reading without a pose; the event is that of the first one.
@@ -368,6 +389,7 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         self.estimator = (self.build)()?;
         self.start = None;
         self.blocked = None;
+        (self.last, self.was_fast) = (None, false);
         Ok(())
     }
 }

@@ -5,6 +5,10 @@ use std::fmt;
 use crate::clock::Jump;
 use crate::motion::Deviation;
 
+/// Largest plausible speed and rate of rotation of a base.
+pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
+pub(crate) const MOST_RATE_RAD_S: f64 = 100.0;
+
 /// Kind of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
@@ -45,6 +49,15 @@ pub enum Event {
         /// Time of the first reading with a pose.
         t_s: f64,
     },
+    /// The base moves faster than any robot, for the first time since the start of the estimator.
+    Fast {
+        /// Time of the reading.
+        t_s: f64,
+        /// Mean speed of the base since the reading before.
+        speed_m_s: f64,
+        /// Mean rate of its rotation.
+        rate_rad_s: f64,
+    },
     /// The clock of a stream jumped; the estimator restarted.
     Jumped {
         /// The stream.
@@ -75,6 +88,11 @@ impl fmt::Display for Event {
                 f,
                 "pose off the plane: found a tilt of {tilt_rad:.4} rad and a distance of {height_m:.4} m at {t_s} s, beyond \
                  the tolerance; there are no estimates until it returns"
+            ),
+            Self::Fast { t_s, speed_m_s, rate_rad_s } => write!(
+                f,
+                "poses: found a base that moves at {speed_m_s:.3} m/s and turns at {rate_rad_s:.3} rad/s at {t_s} s, expected at most \
+                 {MOST_SPEED_M_S} m/s and {MOST_RATE_RAD_S} rad/s; compare the units, metres, radians and seconds"
             ),
             Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
             Self::Jumped { stream, jump } => {

@@ -1,5 +1,6 @@
 //! Kinds of streams, in the plane and in space, with their types of readings, poses and estimates.
 
+use std::f64::consts::TAU;
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -41,6 +42,12 @@ pub trait Kind: Send {
 
     /// Whether estimates of the present contact are held, because they may be revised.
     fn is_following(&self) -> bool;
+
+    /// Whether the whisker touched at the last instant.
+    fn touches(&self) -> bool;
+
+    /// Distance (m) and angle (rad) between two poses of the base.
+    fn way(from: &Self::Base, to: &Self::Base) -> (f64, f64);
 }
 
 /// Estimator in the plane, whose reading is the bending moment at the root (N m).
@@ -94,6 +101,15 @@ impl Kind for Planar {
     fn is_following(&self) -> bool {
         self.looks_back && self.estimator.is_following()
     }
+
+    fn touches(&self) -> bool {
+        self.estimator.signals().touched.is_some()
+    }
+
+    fn way(from: &Pose<Base, World>, to: &Pose<Base, World>) -> (f64, f64) {
+        let turn_rad = to.yaw_rad() - from.yaw_rad();
+        (from.origin().distance(&to.origin()), (turn_rad - TAU * (turn_rad / TAU).round()).abs())
+    }
 }
 
 /// Estimator in space, whose readings are the bending moments at the root about y and z of Base (N m), 2x1.
@@ -139,5 +155,13 @@ impl Kind for Spatial {
 
     fn is_following(&self) -> bool {
         self.estimator.is_following()
+    }
+
+    fn touches(&self) -> bool {
+        self.estimator.touches()
+    }
+
+    fn way(from: &SpatialPose, to: &SpatialPose) -> (f64, f64) {
+        ((to.position - from.position).norm(), from.rotation.angle_to(&to.rotation))
     }
 }

@@ -109,5 +109,14 @@ pub use poses::{Posed, Poses, SpatialPoses};
 pub use samples::{Sampled, Samples};
 pub use timing::Timing;
 
-/// Largest standard deviation of the noise that the first line of a stream or a mapping file may state (N m).
+/// Largest standard deviation of the noise that a mapping file may state (N m).
 pub const MOST_NOISE_N_M: f64 = 1e6;
+
+/// Standard deviation of the noise (N m) of a stream: the stated one, but at least that of the sensor in the calibration. With less, a
+/// filter becomes certain of a wrong contact. `None` if neither is known.
+pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {
+    match (stated, of_sensor) {
+        (Some(stated), Some(of_sensor)) => Some(stated.max(of_sensor)),
+        (stated, of_sensor) => stated.or(of_sensor),
+    }
+}

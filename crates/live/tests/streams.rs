@@ -343,3 +343,22 @@ fn robust_timing_out_of_range_is_refused() {
         LiveEstimator::new(Box::new(build(ekf(), &sweep.knowledge)), &sweep.knowledge, false, timing).err().unwrap();
     assert_eq!(error.to_string(), "wait: found -1 s, expected 0 to 10 s");
 }
+
+#[test]
+fn robust_poses_in_another_unit_are_noted_once_and_counted() {
+    let sweep = Sweep::new(1);
+    // The time of the base's fastest motion is the same in every unit.
+    let changed = |change: fn(Pose<whisker::frames::Base, whisker::frames::World>) -> Pose<_, _>| {
+        let mut messages = sweep.messages(&QUIET, 1);
+        for message in &mut messages {
+            if let Content::Pose(pose) = &mut message.content {
+                *pose = change(*pose);
+            }
+        }
+        let (_, events, live) = played(sweep.live(ekf(), Timing::default()), &messages);
+        (events.iter().filter(|event| matches!(event, Event::Fast { .. })).count(), live.counters().fast)
+    };
+    assert_eq!(changed(|pose| pose), (0, 0));
+    let (events, fast) = changed(|pose| Pose::new(1e3 * pose.origin().x(), 1e3 * pose.origin().y(), pose.yaw_rad()));
+    assert!(events == 1 && fast > 100, "{events} {fast}");
+}

@@ -19,8 +19,8 @@ pub fn median_of_scores(scores: impl Iterator<Item = Option<f64>>) -> Option<f64
 
 /// Arithmetic mean. `None` without values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let (count, sum) = values.into_iter().fold((0, 0.0), |(count, sum), value| (count + 1, sum + value));
-    (count > 0).then(|| sum / f64::from(count))
+    let (count, sum) = values.into_iter().fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
+    (count > 0.0).then(|| sum / count)
 }
 
 /// Root mean square. `None` for an empty slice.

@@ -130,6 +130,36 @@ fn fed_text(arguments: &[&str], input: &str) -> Output {
 }
 
 #[test]
+fn robust_streams_that_look_wrong_are_noted_at_their_end() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let calibration = bench.calibration();
+    let named = |name: &str| format!("{name}={calibration}");
+    let options = [named("left"), named("right")];
+    let arguments: Vec<&str> =
+        ["live", "--estimator", "ekf", "--calibration", &options[0], "--calibration", &options[1]].into();
+    let noted = |rate_hz: f64, factor: f64| {
+        let mut first = bench.prior("pin", Some("left"), &rows);
+        first["rate_hz"] = rate_hz.into();
+        let of_row = |row: &EstimateRow| {
+            let [pose, mut reading] = lines(Some("left"), row);
+            reading["reading_n_m"] = (factor * row.reading_n_m).into();
+            [pose, reading]
+        };
+        let all: Vec<Value> = rows.iter().flat_map(of_row).collect();
+        text(&fed(&arguments, &[vec![first], all].concat()).stderr).to_owned()
+    };
+    let good = noted(250.0, 1.0);
+    assert!(good.contains("right: note: no first line arrived") && !good.contains("left: note"), "{good}");
+    let negative = noted(250.0, -1.0);
+    assert!(negative.contains("left: note: ") && negative.contains("compare units, signs and frames"), "{negative}");
+    let large = noted(250.0, 1e6);
+    assert!(large.contains("beyond the largest plausible one; compare the unit"), "{large}");
+    let fast = noted(2500.0, 1.0);
+    assert!(fast.contains("compare rate_hz with the times of the readings"), "{fast}");
+}
+
+#[test]
 fn robust_settings_are_refused_before_the_first_line() {
     let bench = Bench::new();
     let config = r#"{"doubt": {"nis": -1.0}}"#;
@@ -404,7 +434,14 @@ fn robust_wrong_first_lines_and_options_end_with_one_error() {
         &["stdin: line 1", "protocol: found 2, expected 1"],
     );
     fails(&live, "{\"protocol\": 1, \"rate_hz\": 0, \"noise_sd_n_m\": 0}\n", &["rate_hz: found 0, expected"]);
-    fails(&live, "{\"protocol\": 1, \"rate_hz\": 250, \"noise_sd_n_m\": -1}\n", &["noise_sd_n_m: found -1"]);
+    for noise in ["-1", "1"] {
+        let prior = format!("{{\"protocol\": 1, \"rate_hz\": 250, \"noise_sd_n_m\": {noise}}}\n");
+        fails(
+            &live,
+            &prior,
+            &[&format!("noise_sd_n_m: found {noise}, expected 0 to"), "largest reading of the calibration"],
+        );
+    }
     fails(
         &live,
         "{\"protocol\": 1, \"name\": \"left\", \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",

@@ -120,7 +120,7 @@ def _whisker(
         force_n=force_n,
         nearest=nearest,
         truth=truth,
-        split=is_split(readings),
+        split=is_split(readings[:, SENSORS["points"]]),
         penetration_m=np.maximum(-readings[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
 

@@ -97,43 +97,65 @@ class Motion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         raise NotImplementedError
 
 
-class Path:
-    """Sequence of straight moves with raised-cosine speed, whose velocity and acceleration are continuous."""
+class Pieces:
+    """Poses, one per time step, that are added piece by piece; together they take at most `MAX_STEPS`.
+
+    What adds a piece takes the key of the scene that determines its duration, and raises `ValueError` with this key if the piece
+    makes the plan too long.
+    """
 
     def __init__(self, start: Array, timestep_s: float) -> None:
         self._timestep_s = timestep_s
-        self._poses = [start[None, :]]
+        self._pieces = [start[None, :]]
+        self._steps = 0
 
     @property
     def end(self) -> Array:
         """The last pose."""
-        return self._poses[-1][-1]
+        return self._pieces[-1][-1]
 
     @property
     def time_s(self) -> float:
         """Time of the last pose."""
-        return (sum(len(piece) for piece in self._poses) - 1) * self._timestep_s
+        return self._steps * self._timestep_s
 
-    def rest(self, duration_s: float) -> None:
+    def rest(self, duration_s: float, key: str = "motion") -> None:
         """Adds a rest."""
-        count = round(duration_s / self._timestep_s)
+        steps = duration_s / self._timestep_s
+        self.check(steps, key)
+        count = round(steps)
         if count > 0:
-            self._poses.append(np.repeat(self.end[None, :], count, axis=0))
+            self.add(np.repeat(self.end[None, :], count, axis=0), key)
 
-    def move(self, target: Array, peak_speed_m_s: float) -> None:
-        """Adds a straight move to the pose `target`, with a raised-cosine speed profile that reaches `peak_speed_m_s`."""
-        distance_m = float(np.hypot(*(target - self.end)[:2]))
-        count = check_steps(2.0 * distance_m / peak_speed_m_s / self._timestep_s)
-        if count > 0:
-            self.follow(target, raised_cosine(np.arange(1, count + 1) / count))
+    def add(self, piece: Array, key: str) -> None:
+        """Adds the poses of the next time steps."""
+        self.check(len(piece), key)
+        self._pieces.append(piece)
+        self._steps += len(piece)
 
-    def follow(self, target: Array, share: Array) -> None:
-        """Adds a straight move to the pose `target` that has covered the shares (n,) of the distance at the next n time steps."""
-        self._poses.append(self.end + share[:, None] * (target - self.end))
+    def check(self, steps: float, key: str) -> int:
+        """`steps` rounded up; raises `ValueError` if the plan has no room for so many."""
+        check_steps(self._steps + steps, key)
+        return int(np.ceil(steps))
 
     def poses(self) -> Array:
-        """All poses (n, 3)."""
-        return np.concatenate(self._poses)
+        """All poses (n, k)."""
+        return np.concatenate(self._pieces)
+
+
+class Path(Pieces):
+    """Sequence of straight moves with raised-cosine speed, whose velocity and acceleration are continuous."""
+
+    def move(self, target: Array, peak_speed_m_s: float, key: str = "motion") -> None:
+        """Adds a straight move to the pose `target`, with a raised-cosine speed profile that reaches `peak_speed_m_s`."""
+        distance_m = float(np.hypot(*(target - self.end)[:2]))
+        count = self.check(2.0 * distance_m / peak_speed_m_s / self._timestep_s, key)
+        if count > 0:
+            self.follow(target, raised_cosine(np.arange(1, count + 1) / count), key)
+
+    def follow(self, target: Array, share: Array, key: str) -> None:
+        """Adds a straight move to the pose `target` that has covered the shares (n,) of the distance at the next n time steps."""
+        self.add(self.end + share[:, None] * (target - self.end), key)
 
 
 def check_ranges(motion: Motion, *lowest: str) -> None:
@@ -144,10 +166,10 @@ def check_ranges(motion: Motion, *lowest: str) -> None:
             raise ValueError(f"{high}: expected at least {low} = {getattr(motion, low)}, found {getattr(motion, high)}")
 
 
-def check_steps(steps: float) -> int:
-    """`steps` rounded up; raises `ValueError` above `MAX_STEPS`."""
+def check_steps(steps: float, key: str) -> int:
+    """`steps` rounded up; raises `ValueError` with the key of the scene that determines them above `MAX_STEPS`."""
     if steps > MAX_STEPS:
-        raise ValueError(f"motion: expected at most {MAX_STEPS} time steps, found {steps:.3g}")
+        raise ValueError(f"{key}: expected at most {MAX_STEPS} time steps of the whole motion, found {steps:.8g}")
     return int(np.ceil(steps))
 
 

@@ -47,11 +47,11 @@ class CalibrationGrid(Motion, frozen=True, forbid_unknown_fields=True, tag="cali
         path.rest(REST_S)
         touching = []
         for arc_m in arcs_m:
-            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s)
+            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s, "motion.speed_m_s")
             start_s = path.time_s
-            path.move(stage.base_pose(arc_m, -self.depth_m(arc_m, stage)), self.speed_m_s)
+            path.move(stage.base_pose(arc_m, -self.depth_m(arc_m, stage)), self.speed_m_s, "motion.speed_m_s")
             turn_s = path.time_s
-            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s)
+            path.move(stage.base_pose(arc_m, self.clearance_m), self.speed_m_s, "motion.speed_m_s")
             # Half of the push on either side of the reversal is well within the contact, regardless of ringing.
             touching.append((0.5 * (start_s + turn_s), 0.5 * (turn_s + path.time_s)))
         return Plan(path.poses(), tuple(touching))

@@ -55,7 +55,9 @@ class Excursions(Motion, frozen=True, forbid_unknown_fields=True, tag="excursion
             speed_m_s = self.speed_min_m_s * (self.speed_max_m_s / self.speed_min_m_s) ** rng.random()
             # A raised cosine over the distance d with the peak speed v has the peak acceleration pi v^2 / (2 d).
             distance_m = float(np.hypot(*(target - path.end)[:2]))
-            path.move(target, min(speed_m_s, np.sqrt(2.0 / np.pi * self.acceleration_max_m_s2 * distance_m)))
+            limited_m_s = np.sqrt(2.0 / np.pi * self.acceleration_max_m_s2 * distance_m)
+            key = "motion.speed_min_m_s" if speed_m_s <= limited_m_s else "motion.acceleration_max_m_s2"
+            path.move(target, min(speed_m_s, limited_m_s), key)
 
         path.rest(REST_S)
         move(stage.base_pose(arc_m, -rng.uniform(self.depth_min_m, self.depth_max_m)))
@@ -71,5 +73,5 @@ class Excursions(Motion, frozen=True, forbid_unknown_fields=True, tag="excursion
             along_m = rng.uniform(-self.along_m, self.along_m)
             move(pose + along_m * np.array((np.cos(tangent_rad), np.sin(tangent_rad), 0.0)))
             if rng.random() < self.pause_share:
-                path.rest(rng.uniform(0.0, self.pause_max_s))
+                path.rest(rng.uniform(0.0, self.pause_max_s), "motion.pause_max_s")
         return Plan(path.poses(), ((pressed_s, held_s),), may_slip_off=True)

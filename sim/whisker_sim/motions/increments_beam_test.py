@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage, check_steps
+from whisker_sim.motions.base import REST_S, Array, Motion, Path, Plan, Stage
 from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
 
 Increments = Annotated[int, msgspec.Meta(ge=0, le=1000)]
@@ -67,9 +67,9 @@ class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="i
             self._move(path, at(arc_m, -self.padding_m), stage.timestep_s)
             for step in range(1, steps + 1):
                 self._move(path, at(arc_m, self.total_x_m * step / steps), stage.timestep_s)
-                path.rest(self.pause_s)
+                path.rest(self.pause_s, "motion.pause_s")
             start_s = path.time_s
-            path.rest(self.hold_s)
+            path.rest(self.hold_s, "motion.hold_s")
             touching.append((start_s, path.time_s))
             self._move(path, at(arc_m, -self.padding_m), stage.timestep_s)
         return Plan(path.poses(), tuple(touching))
@@ -82,10 +82,11 @@ class IncrementsBeamTest(Motion, frozen=True, forbid_unknown_fields=True, tag="i
         peak_m_s = min(self.speed_m_s, np.sqrt(way_m * self.acceleration_m_s2))
         ramp_s = peak_m_s / self.acceleration_m_s2
         duration_s = way_m / peak_m_s + ramp_s
-        count = check_steps(duration_s / timestep_s)
+        key = "motion.speed_m_s" if peak_m_s == self.speed_m_s else "motion.acceleration_m_s2"
+        count = path.check(duration_s / timestep_s, key)
         time_s = np.linspace(0.0, duration_s, count + 1)[1:]
         # Deceleration mirrors acceleration.
         since_s, until_s = np.minimum(time_s, ramp_s), np.minimum(duration_s - time_s, ramp_s)
         sped_up_m = 0.5 * self.acceleration_m_s2 * (since_s**2 + ramp_s**2 - until_s**2)
         even_m = peak_m_s * np.clip(time_s - ramp_s, 0.0, duration_s - 2.0 * ramp_s)
-        path.follow(target, (sped_up_m + even_m) / way_m)
+        path.follow(target, (sped_up_m + even_m) / way_m, key)

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Path, Plan, Stage
-from whisker_sim.whisker import Length, Positive
+from whisker_sim.whisker import Angle, Length, Positive
 
 
 class LateralSweep(Motion, frozen=True, forbid_unknown_fields=True, tag="lateral_sweep"):
@@ -21,7 +21,7 @@ class LateralSweep(Motion, frozen=True, forbid_unknown_fields=True, tag="lateral
     clearance_m: Length = 1.5e-3
     touch_depth_m: Length = 1e-3
     touch_speed_m_s: Positive = 0.01
-    yaw_rad: float = 0.0
+    yaw_rad: Angle = 0.0
 
     example: ClassVar[dict[str, Any]] = {"contact_arc_m": 0.05, "stroke_m": 0.006, "strokes": 1}
 
@@ -34,10 +34,10 @@ class LateralSweep(Motion, frozen=True, forbid_unknown_fields=True, tag="lateral
 
         path = Path(at(self.clearance_m), stage.timestep_s)
         path.rest(REST_S)
-        path.move(at(TOUCH_GAP_M), self.touch_speed_m_s)
-        path.move(at(-self.touch_depth_m), self.touch_speed_m_s)
+        path.move(at(TOUCH_GAP_M), self.touch_speed_m_s, "motion.touch_speed_m_s")
+        path.move(at(-self.touch_depth_m), self.touch_speed_m_s, "motion.touch_speed_m_s")
         touch_s = path.time_s
         for _ in range(self.strokes):
-            path.move(at(-self.touch_depth_m - self.stroke_m), self.peak_speed_m_s)
-            path.move(at(-self.touch_depth_m), self.peak_speed_m_s)
+            path.move(at(-self.touch_depth_m - self.stroke_m), self.peak_speed_m_s, "motion.peak_speed_m_s")
+            path.move(at(-self.touch_depth_m), self.peak_speed_m_s, "motion.peak_speed_m_s")
         return Plan(path.poses(), ((touch_s, path.time_s),))

@@ -56,30 +56,32 @@ class LiftOffs(Motion, frozen=True, forbid_unknown_fields=True, tag="lift_offs")
 
         path = Path(stage.base_pose(arcs_m[0], self.clearance_m), stage.timestep_s)
 
-        def move(target: Array, speed_m_s: float) -> None:
+        def move(target: Array, speed_m_s: float, key: str) -> None:
             # A raised cosine over the distance d with the peak speed v has the peak acceleration pi v^2 / (2 d).
             distance_m = float(np.hypot(*(target - path.end)[:2]))
-            path.move(target, min(speed_m_s, np.sqrt(2.0 / np.pi * self.acceleration_max_m_s2 * distance_m)))
+            limited_m_s = np.sqrt(2.0 / np.pi * self.acceleration_max_m_s2 * distance_m)
+            key = f"motion.{key}" if speed_m_s <= limited_m_s else "motion.acceleration_max_m_s2"
+            path.move(target, min(speed_m_s, limited_m_s), key)
 
-        path.rest(self.rest_s)
+        path.rest(self.rest_s, "motion.rest_s")
         touching = []
         for stroke, (arc_m, depth_m) in enumerate(zip(arcs_m, depths_m, strict=True)):
             clear = stage.base_pose(arc_m, self.clearance_m)
             pressed = stage.base_pose(arc_m, -depth_m)
             if stroke > 0:
-                move(clear, self.press_speed_max_m_s)
-            move(pressed, press_m_s[stroke])
+                move(clear, self.press_speed_max_m_s, "press_speed_max_m_s")
+            move(pressed, press_m_s[stroke], "press_speed_min_m_s")
             start_s = path.time_s
-            move(stage.base_pose(arc_m, -_EASE * depth_m), press_m_s[stroke])
-            move(pressed, press_m_s[stroke])
+            move(stage.base_pose(arc_m, -_EASE * depth_m), press_m_s[stroke], "press_speed_min_m_s")
+            move(pressed, press_m_s[stroke], "press_speed_min_m_s")
             touching.append((start_s, path.time_s))
             if (stroke % 2 == 0) == slips_first:
-                move(self._past_the_tip(stage, depth_m), release_m_s[stroke])
-                path.rest(free_s[stroke])
-                move(self._past_the_tip(stage, -self.clearance_m), self.press_speed_max_m_s)
+                move(self._past_the_tip(stage, depth_m), release_m_s[stroke], "release_speed_min_m_s")
+                path.rest(free_s[stroke], "motion.free_max_s")
+                move(self._past_the_tip(stage, -self.clearance_m), self.press_speed_max_m_s, "press_speed_max_m_s")
             else:
-                move(clear, release_m_s[stroke])
-                path.rest(free_s[stroke])
+                move(clear, release_m_s[stroke], "release_speed_min_m_s")
+                path.rest(free_s[stroke], "motion.free_max_s")
         return Plan(path.poses(), tuple(touching), may_slip_off=True)
 
     def _past_the_tip(self, stage: Stage, depth_m: float) -> Array:

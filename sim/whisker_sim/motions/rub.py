@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Array, Motion, Path, Plan, Stage
-from whisker_sim.whisker import Length, NotNegative, NotNegativeLength, Positive
+from whisker_sim.whisker import Angle, Length, NotNegative, NotNegativeLength, Positive
 
 
 class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
@@ -28,7 +28,7 @@ class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
     clearance_m: Length = 1.5e-3
     touch_depth_m: Length = 1e-3
     touch_speed_m_s: Positive = 0.01
-    yaw_rad: float = 0.0
+    yaw_rad: Angle = 0.0
 
     example: ClassVar[dict[str, Any]] = {"contact_arc_m": 0.05, "press_m": 0.005, "along_m": 0.002, "strokes": 1}
 
@@ -43,13 +43,13 @@ class Rub(Motion, frozen=True, forbid_unknown_fields=True, tag="rub"):
 
         path = Path(touched - (self.touch_depth_m + self.clearance_m) * normal, stage.timestep_s)
         path.rest(REST_S)
-        path.move(touched - (self.touch_depth_m + TOUCH_GAP_M) * normal, self.touch_speed_m_s)
-        path.move(touched, self.touch_speed_m_s)
+        path.move(touched - (self.touch_depth_m + TOUCH_GAP_M) * normal, self.touch_speed_m_s, "motion.touch_speed_m_s")
+        path.move(touched, self.touch_speed_m_s, "motion.touch_speed_m_s")
         touch_s = path.time_s
 
         def move(target: Array) -> None:
-            path.move(target, self.peak_speed_m_s)
-            path.rest(self.dwell_s)
+            path.move(target, self.peak_speed_m_s, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
 
         for _ in range(self.strokes):
             move(pressed)

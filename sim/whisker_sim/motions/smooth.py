@@ -54,7 +54,7 @@ class Smooth(Motion, frozen=True, forbid_unknown_fields=True, tag="smooth"):
         settled_s = REST_S + _APPROACH_S + _PRESS_S + _RAMP_S
         if stage.duration_s <= settled_s:
             raise ValueError(f"duration_s: expected more than {settled_s} (rest, approach and press), found {stage.duration_s}")
-        steps = check_steps(stage.duration_s / stage.timestep_s - 1e-6)
+        steps = check_steps(stage.duration_s / stage.timestep_s - 1e-6, "duration_s")
         time_s = np.arange(steps + 1) * stage.timestep_s
         arc_m = stage.rng.uniform(self.arc_min_m, self.arc_max_m)
         along_m = self.translation_m * self._waves(time_s, stage.rng)

@@ -33,7 +33,7 @@ class Stations(Motion, frozen=True, forbid_unknown_fields=True, tag="stations"):
     peak_speed_m_s: Positive = 0.035
     clearance_m: Length = 1.5e-3
     touch_speed_m_s: Positive = 0.01
-    yaw_rad: float = 0.0
+    yaw_rad: Angle = 0.0
 
     example: ClassVar[dict[str, Any]] = {
         "contact_arc_m": 0.05,
@@ -53,10 +53,10 @@ class Stations(Motion, frozen=True, forbid_unknown_fields=True, tag="stations"):
 
         path = Path(touch - self.clearance_m * inward, stage.timestep_s)
         path.rest(REST_S)
-        path.move(touch - TOUCH_GAP_M * inward, self.touch_speed_m_s)
-        path.move(at(self.stations[0]), self.touch_speed_m_s)
+        path.move(touch - TOUCH_GAP_M * inward, self.touch_speed_m_s, "motion.touch_speed_m_s")
+        path.move(at(self.stations[0]), self.touch_speed_m_s, "motion.touch_speed_m_s")
         touch_s = path.time_s
-        path.rest(self.stations[0].pause_s)
+        path.rest(self.stations[0].pause_s, "motion.stations")
         for index, station in enumerate(self.stations * self.rounds):
             if index == 0:
                 continue
@@ -65,6 +65,6 @@ class Stations(Motion, frozen=True, forbid_unknown_fields=True, tag="stations"):
                 raise ValueError(
                     f"motion.stations: station {index % len(self.stations)}: expected a displacement with the rotation"
                 )
-            path.move(target, self.peak_speed_m_s)
-            path.rest(station.pause_s)
+            path.move(target, self.peak_speed_m_s, "motion.peak_speed_m_s")
+            path.rest(station.pause_s, "motion.stations")
         return Plan(path.poses(), ((touch_s, touch_s),), may_slip_off=True)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from whisker_sim.cli import exit_code
+from whisker_sim.documents import located
 from whisker_sim.errors import InputError
 from whisker_sim.jobs import SUCCESS
 from whisker_sim.paths import ROOT
@@ -30,7 +31,10 @@ def _write(options: argparse.Namespace) -> int:
     with Progress("tabulate", "table", 1) as progress:
         progress.start(shares := [0.0])
         with work_on(shares, 0):
-            rig = write_rig(options.out, scene)
+            try:
+                rig = write_rig(options.out, scene)
+            except InputError as error:
+                raise located(options.scene, str(error)) from None
     ringing = f"rings at {rig.ring_hz:g} Hz with a time constant of {rig.decay_s:g} s"
     print(f"{options.out / rig.table.file}: {rig.table.rows} rows; {ringing}")
     return SUCCESS

@@ -8,15 +8,20 @@ import msgspec
 import numpy as np
 
 from whisker_sim.documents import to_json
+from whisker_sim.errors import InputError
 from whisker_sim.physics.frequencies import chain_hz
 from whisker_sim.physics.ringing import fit, free_vibration
 from whisker_sim.rig.magnet import Field, Magnet, Magnetometer, field_of
 from whisker_sim.rig.table import COLUMNS, CONTACT_M, PUSH_M, Axis, grid
 from whisker_sim.scene import Scene
 from whisker_sim.shapes import AnyShape
-from whisker_sim.trace import Generator, format_csv, generator, sha256, write_atomically
+from whisker_sim.trace import Generator, format_csv, generator, sha256, sources_sha256, write_atomically
 from whisker_sim.whisker import Whisker
 
+_SOURCES = ("physics/cases.py", "physics/frequencies.py", "physics/ringing.py", "rig/files.py", "rig/magnet.py", "rig/table.py")
+"""Modules that make the table and not traces, whose generator's hash leaves them out."""
+_NOT_AT_REST = ("vibration", "friction", "object_velocity_m_s", "object_stand", "object_stiffness_n_m")
+"""Keys of a scene whose effects a table of readings at rest, under a rigid ruler without friction, does not have."""
 _BENT_N_M = 5e-3
 """Moment from which the whisker is released, about that of the routine at the middle of the shaft."""
 _PERIODS = 10
@@ -79,7 +84,7 @@ def ringing_of(whisker: Whisker, timestep_s: float) -> Ringing:
 def write_rig(folder: Path, scene: Scene) -> Rig:
     """Writes `rig.csv` and, last, `rig.json` for whisker and object of `scene` into `folder`.
 
-    Raises `SimulationError` if the physics has no contact, and `OSError` if a file cannot be written.
+    Raises what `make_rig` does, and `OSError` if a file cannot be written.
     """
     rig, rows = make_rig(scene, Axes())
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,7 +96,15 @@ def write_rig(folder: Path, scene: Scene) -> Rig:
 
 
 def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
-    """Content of `rig.json`, and the bytes of its table."""
+    """Content of `rig.json`, and the bytes of its table.
+
+    Raises `InputError`, which states the key but not the file, if the scene has effects that the table does not have, and
+    `SimulationError` if the physics has no contact.
+    """
+    for key in _NOT_AT_REST:
+        value = getattr(scene, key)
+        if value is not None and value is not msgspec.UNSET:
+            raise InputError(f"{key}: expected none in the scene of a table at rest, found {msgspec.json.encode(value).decode()}")
     stage = scene.stage()
     contacts_m, pushes_m = axes.contact_m.values, axes.push_m.values
     rows = format_csv(grid(stage, contacts_m, pushes_m).columns(contacts_m, pushes_m), COLUMNS)
@@ -110,7 +123,9 @@ def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
         whisker=stage.whisker,
         scene=scene.name,
         generator=own,
-        inputs_sha256=sha256(to_json([scene, axes, field, own.source_sha256, own.mujoco, version("numpy")])),
+        inputs_sha256=sha256(
+            to_json([scene, axes, field, own.source_sha256, sources_sha256(_SOURCES), own.mujoco, version("numpy")])
+        ),
     )
     return rig, rows
 

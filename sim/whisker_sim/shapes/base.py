@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from whisker_sim.whisker import Coordinate
+from whisker_sim.whisker import Angle, Coordinate
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
     """Outline of an object, placed in World."""
 
     center_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
-    yaw_rad: float = 0.0
+    yaw_rad: Angle = 0.0
 
     example: ClassVar[dict[str, Any]]
     """Parameters used by the tests of the registry."""

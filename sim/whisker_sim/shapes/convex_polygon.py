@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.polygon import Polygon
-from whisker_sim.whisker import Coordinate
+from whisker_sim.whisker import LEAST_DIMENSION_M, Coordinate
 
 
 class ConvexPolygon(Polygon, frozen=True, forbid_unknown_fields=True, tag="convex_polygon"):
@@ -27,6 +27,11 @@ class ConvexPolygon(Polygon, frozen=True, forbid_unknown_fields=True, tag="conve
         turns = np.sum(np.arctan2(turn_m2, np.sum(edge * after, axis=1))) / (2.0 * np.pi)
         if round(turns) != 1:
             raise ValueError(f"vertices_m: expected an outline that runs round once, found {round(turns)} times")
+        # The narrowest breadth of a convex polygon is that across one of its edges.
+        across_m = (edge[:, :1] * self.vertices()[:, 1] - edge[:, 1:] * self.vertices()[:, 0]) / np.hypot(*edge.T)[:, None]
+        breadth_m = float(np.min(np.ptp(across_m, axis=1)))
+        if breadth_m < LEAST_DIMENSION_M:
+            raise ValueError(f"vertices_m: expected an outline at least {LEAST_DIMENSION_M:g} m broad, found {breadth_m:.3g} m")
 
     def vertices(self) -> Array:
         """The given vertices."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.hollow import HollowPolygon, rectangle
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Cup(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="cup"):
@@ -15,9 +15,9 @@ class Cup(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="cup"):
     The cavity opens along +y, and the middle of its opening is the origin of the shape's frame.
     """
 
-    width_m: Length
-    depth_m: Length
-    thickness_m: Length
+    width_m: Dimension
+    depth_m: Dimension
+    thickness_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"width_m": 0.016, "depth_m": 0.01, "thickness_m": 0.004, "yaw_rad": 2.8}
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, HALF_HEIGHT_MM, Array, Shape, mjcf
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Discs(Shape, frozen=True, forbid_unknown_fields=True, tag="discs"):
@@ -14,8 +14,8 @@ class Discs(Shape, frozen=True, forbid_unknown_fields=True, tag="discs"):
     With overlap the outline is one closed line, with a cusp on either side.
     """
 
-    radius_m: Length
-    distance_m: Length
+    radius_m: Dimension
+    distance_m: Dimension
 
     convex: ClassVar[bool] = False
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.008, "distance_m": 0.015, "yaw_rad": 0.2}

@@ -5,14 +5,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, HALF_HEIGHT_MM, Array, Shape, mjcf
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Ellipse(Shape, frozen=True, forbid_unknown_fields=True, tag="ellipse"):
     """Upright body with an elliptic section; its semi-axes are along the axes of its frame."""
 
-    semi_x_m: Length
-    semi_y_m: Length
+    semi_x_m: Dimension
+    semi_y_m: Dimension
 
     upright: ClassVar[bool] = False
     example: ClassVar[dict[str, Any]] = {"semi_x_m": 0.02, "semi_y_m": 0.012, "yaw_rad": 0.4}

@@ -6,7 +6,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.hollow import HollowPolygon, rectangle
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class L(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="l"):
@@ -15,9 +15,9 @@ class L(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="l"):
     The inner corner is the origin of the shape's frame, and the arms lie along +x and +y.
     """
 
-    x_m: Length
-    y_m: Length
-    thickness_m: Length
+    x_m: Dimension
+    y_m: Dimension
+    thickness_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"x_m": 0.016, "y_m": 0.012, "thickness_m": 0.006, "yaw_rad": 0.3}
 

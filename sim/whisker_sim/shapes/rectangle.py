@@ -6,14 +6,14 @@ import numpy as np
 
 from whisker_sim.shapes.base import HALF_HEIGHT_MM, Array, mjcf
 from whisker_sim.shapes.polygon import Polygon
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Rectangle(Polygon, frozen=True, forbid_unknown_fields=True, tag="rectangle"):
     """Upright block; its sides are along the axes of its frame."""
 
-    width_m: Length
-    height_m: Length
+    width_m: Dimension
+    height_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"width_m": 0.03, "height_m": 0.02, "yaw_rad": 0.3}
 

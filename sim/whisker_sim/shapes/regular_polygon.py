@@ -7,14 +7,14 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.polygon import Polygon
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class RegularPolygon(Polygon, frozen=True, forbid_unknown_fields=True, tag="regular_polygon"):
     """Upright prism over a regular polygon with one corner on the +x axis of its frame."""
 
     sides: Annotated[int, msgspec.Meta(ge=3, le=360)]
-    side_m: Length
+    side_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"sides": 8, "side_m": 0.013}
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, HALF_HEIGHT_MM, Array, Shape, mjcf
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Round(Shape, frozen=True, forbid_unknown_fields=True):
     """A disc of radius `radius_m`."""
 
-    radius_m: Length
+    radius_m: Dimension
 
     def geoms(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """A vertical capsule, whose section in the plane of the whisker is the circle; capsules collide in closed form."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, HALF_HEIGHT_MM, Array, Shape, mjcf
 from whisker_sim.shapes.convex_polygon import ConvexPolygon
-from whisker_sim.whisker import Coordinate, Length
+from whisker_sim.whisker import Coordinate, Dimension
 
 
 class RoundedPolygon(Shape, frozen=True, forbid_unknown_fields=True, tag="rounded_polygon"):
     """Upright body of all points within `radius_m` of a convex polygon, vertices counter-clockwise."""
 
     vertices_m: Annotated[tuple[tuple[Coordinate, Coordinate], ...], msgspec.Meta(min_length=3, max_length=360)]
-    radius_m: Length
+    radius_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {**ConvexPolygon.example, "radius_m": 0.003}
 

@@ -5,14 +5,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from whisker_sim.shapes.base import CHORD_ERROR_M, HALF_HEIGHT_MM, Array, Shape, mjcf
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Stadium(Shape, frozen=True, forbid_unknown_fields=True, tag="stadium"):
     """Upright body with the section of a flat bottle: all points within `radius_m` of a segment `flat_m` long on the x axis."""
 
-    flat_m: Length
-    radius_m: Length
+    flat_m: Dimension
+    radius_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"flat_m": 0.014, "radius_m": 0.01, "yaw_rad": 0.4}
 

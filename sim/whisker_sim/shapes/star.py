@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.hollow import HollowPolygon
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Star(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="star"):
@@ -17,8 +17,8 @@ class Star(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="star"):
     """
 
     points: Annotated[int, msgspec.Meta(ge=3, le=24)]
-    outer_m: Length
-    inner_m: Length
+    outer_m: Dimension
+    inner_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"points": 5, "outer_m": 0.02, "inner_m": 0.011, "yaw_rad": -1.5}
 

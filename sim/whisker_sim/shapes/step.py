@@ -7,7 +7,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import Array
 from whisker_sim.shapes.hollow import HollowPolygon, rectangle
-from whisker_sim.whisker import Length
+from whisker_sim.whisker import Dimension
 
 
 class Step(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="step"):
@@ -16,8 +16,8 @@ class Step(HollowPolygon, frozen=True, forbid_unknown_fields=True, tag="step"):
     The lowest outer corner is the origin of the shape's frame; the solid is above the x axis.
     """
 
-    tread_m: Length
-    rise_m: Length
+    tread_m: Dimension
+    rise_m: Dimension
     levels: Annotated[int, msgspec.Meta(ge=2, le=20)] = 2
 
     example: ClassVar[dict[str, Any]] = {"tread_m": 0.012, "rise_m": 0.005, "yaw_rad": 2.9}

@@ -96,7 +96,7 @@ def simulate_in_space(run: Run) -> SpatialSimulated:
         touching=np.any(force_n != 0.0, axis=1),
         force_n=force_n,
         truth=nearest_contact(line, solid),
-        split=is_split(sensors),
+        split=is_split(sensors[:, SENSORS["points"]]),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
     check_contacts(simulated, plan.touching, simulated.touching & simulated.truth.tip)

@@ -323,10 +323,7 @@ impl Set {
             self.models.iter().map(|(name, sum)| (name.as_str(), sum / self.averaged as f64)).collect();
         models.sort_by(|a, b| b.1.total_cmp(&a.1));
         let models: Vec<String> = models.into_iter().map(|(name, share)| format!("{name}={share:.3}")).collect();
-        let of = |metric: &Metric| {
-            let index = METRICS.iter().position(|row| row.name == metric.name);
-            &scores[index.expect("a metric that is read has its row in METRICS")]
-        };
+        let of = |metric: &Metric| &scores[metric.place()];
         let rmse = of(&RMSE).spread.as_ref();
         let mut over_trials = scores.iter().map(|score| score.over_trials);
         SummaryRow {

@@ -39,7 +39,11 @@ const HYPOTHESES: [Hypothesis; 8] = [
     Hypothesis { yaw: PI / 180.0, looks_like: "yaw looks like degrees", ..AS_IS },
     Hypothesis { moment: 1e-3, looks_like: THOUSAND_TIMES_LOOK, ..AS_IS },
     Hypothesis { moment: 1e3, looks_like: "the moment looks 1000 times too small", ..AS_IS },
-    Hypothesis { moment: -1.0, looks_like: "the sign of the moment is wrong", ..AS_IS },
+    Hypothesis {
+        moment: -1.0,
+        looks_like: "the sign of the moment is wrong, or the true contacts lie elsewhere",
+        ..AS_IS
+    },
     Hypothesis { contacts: 1e-3, looks_like: "the true contacts look like millimetres", ..AS_IS },
     Hypothesis {
         positions: 1e-3,

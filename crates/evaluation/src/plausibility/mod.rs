@@ -8,6 +8,7 @@
 //! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`]. Traces in space have their own
 //! registry, [`SPATIAL_TESTS`].
 
+mod frozen;
 mod mechanics;
 mod moment;
 mod motion;
@@ -73,6 +74,7 @@ pub const TESTS: &[Test] = &[
     Test { name: "yaw", about: "size, rate and continuity of the yaw", find: motion::yaw },
     Test { name: "travel", about: "speed of the base, jumps of its position and its travel in one touch", find: motion::travel },
     Test { name: "glitches", about: "single readings far above all others", find: moment::glitches },
+    Test { name: "frozen", about: "equal readings while the touched whisker moves", find: frozen::readings },
     Test { name: "rotation", about: "moment against the rotation of the root", find: moment::rotation },
     Test { name: "strength", about: "moment against the largest deflection that the whisker withstands", find: moment::strength },
     Test { name: "calibrated", about: "moment against the largest calibrated reading", find: moment::calibrated },

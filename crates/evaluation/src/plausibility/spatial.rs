@@ -3,6 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use trace::{Role, SpatialInstant, SpatialTrace, SpatialTruthInstant};
 
+use super::frozen;
 use super::moment::withstood;
 use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE, TOUCHING, Travel, travelled};
 use super::{Finding, median};
@@ -51,6 +52,7 @@ pub const SPATIAL_TESTS: &[SpatialTest] = &[
     SpatialTest { name: "angular velocity", about: "angular velocity against finite differences of the quaternions", is_last: false, find: angular },
     SpatialTest { name: "travel", about: "speed of the base, jumps of its position and its travel in one touch", is_last: false, find: travel },
     SpatialTest { name: "reach", about: "distance and direction of the known contacts from the root against the whisker", is_last: false, find: reach },
+    SpatialTest { name: "frozen", about: "equal readings while the touched whisker moves", is_last: false, find: frozen::readings_in_space },
     SpatialTest { name: "strength", about: "bending moment against the largest deflection that the whisker withstands", is_last: false, find: strength },
     SpatialTest { name: "rotation", about: "moment against the rotation of the root and its springs", is_last: false, find: rotation },
     SpatialTest { name: "equilibrium", about: "moment against that of the true contact force about the root", is_last: false, find: equilibrium },
@@ -201,7 +203,7 @@ fn largest_bending(trace: &SpatialTrace) -> f64 {
 /// turned, with stiffness times angle.
 fn rotation(trace: &SpatialTrace) -> Option<Finding> {
     let stiffness = trace.sidecar.suspension;
-    let largest_n_m = largest(trace);
+    let largest_n_m = largest_moment(trace);
     let mut worst = 0.0_f64;
     for instant in &trace.recording.instants {
         let (Some(angles), Some(torsion)) = (instant.rotation, instant.moment_x_n_m) else { continue };
@@ -224,7 +226,7 @@ fn rotation(trace: &SpatialTrace) -> Option<Finding> {
 }
 
 fn equilibrium(trace: &SpatialTrace) -> Option<Finding> {
-    let largest_n_m = largest(trace);
+    let largest_n_m = largest_moment(trace);
     let mut deviations: Vec<f64> = trace
         .recording
         .instants
@@ -296,12 +298,12 @@ fn mechanics(trace: &SpatialTrace) -> Option<Finding> {
     })
 }
 
-/// Largest moment of a trace.
-fn largest(trace: &SpatialTrace) -> f64 {
+/// Largest moment of a trace, with torsion, without single outliers.
+fn largest_moment(trace: &SpatialTrace) -> f64 {
     let size = |instant: &SpatialInstant| {
         Vector3::new(instant.moment_x_n_m.unwrap_or(0.0), instant.moment_y_n_m, instant.moment_z_n_m).norm()
     };
-    trace.recording.instants.iter().map(size).fold(0.0, f64::max)
+    glitches::largest(&trace.recording.instants.iter().map(size).collect::<Vec<_>>())
 }
 
 #[cfg(test)]
@@ -340,6 +342,22 @@ mod tests {
         let mut trace = golden();
         trace.recording.instants.iter_mut().for_each(&mut change);
         spatial_findings(&trace).into_iter().map(|finding| finding.place).collect()
+    }
+
+    #[test]
+    fn verif_equal_readings_in_space_are_found_while_the_base_moves() {
+        let held = golden();
+        let largest_n_m = largest_bending(&held);
+        let first = held.recording.instants.iter().position(|now| bending(now).norm() > 0.5 * largest_n_m).unwrap();
+        let held = held.recording.instants[first];
+        let mut row = 0;
+        let places = found(|instant| {
+            row += 1;
+            if (first + 1..first + 250).contains(&row) {
+                (instant.moment_y_n_m, instant.moment_z_n_m) = (held.moment_y_n_m, held.moment_z_n_m);
+            }
+        });
+        assert!(places.contains(&"moment_y_n_m, moment_z_n_m"), "{places:?}");
     }
 
     #[test]

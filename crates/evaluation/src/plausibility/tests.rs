@@ -194,3 +194,20 @@ fn robust_jumps_of_position_and_moment() {
     assert_eq!(findings.len(), 1, "{findings:?}");
     assert!(findings[0].to_string().contains("1e0 N m in line 122"), "{}", findings[0]);
 }
+
+#[test]
+fn verif_equal_readings_of_a_touched_whisker_that_moves_are_found() {
+    let mut trace = recorded(|_| {});
+    assert_eq!(looks(&trace), [""; 0]);
+    let subject = Subject::new(&trace, None);
+    let first = subject.loaded(0.5).next().unwrap();
+    let held_n_m = trace.recording.instants[first].moment_z_n_m;
+    trace.recording.instants[first..].iter_mut().for_each(|instant| instant.moment_z_n_m = held_n_m);
+    let found = looks(&trace);
+    assert!(found.iter().any(|look| look.contains("the sensor or its driver stopped")), "{found:?}");
+    // Where the whisker rests, readings may be equal.
+    let resting = trace.recording.instants[first].base;
+    trace.recording.instants[first..].iter_mut().for_each(|instant| instant.base = resting);
+    let found = Subject::new(&trace, None).findings();
+    assert!(found.iter().all(|finding| !finding.found.contains("equal readings")), "{found:?}");
+}

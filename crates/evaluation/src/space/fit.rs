@@ -8,23 +8,18 @@ use anyhow::{Context, bail};
 use files::write_json;
 use indicatif::ProgressBar;
 use nalgebra::Vector2;
-use rayon::prelude::*;
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialNoise};
 use testbed::settings::merged;
 use testbed::space::{largest_reading_n_m, to_base};
-use testbed::statistics;
 use trace::{
     BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialTrace, data_sha256,
 };
-use whisker::sensor::ModelError;
 use whisker::space::frames::Point;
-use whisker::space::sensor::{
-    self, Across, SPATIAL_MODELS, Screening, SpatialFit, SpatialFitData, SpatialModelRow, SpatialSample,
-};
+use whisker::space::sensor::{self, Across, SPATIAL_MODELS, Screening, SpatialFitData, SpatialModelRow, SpatialSample};
 
-use crate::fit::{Models, check_replaces_calibration};
+use crate::fit::{Models, are_recordings, check_replaces_calibration, determined, rms_noise_n_m};
 use crate::provenance::calibration_watermark;
 
 /// Settings of a fit in space.
@@ -49,7 +44,8 @@ pub struct SpatialFitted {
     pub path: PathBuf,
     /// Whether it was computed. `false` if an up-to-date file was found.
     pub is_new: bool,
-    /// Candidates that the data do not determine, with the reasons.
+    /// Contacts that cannot be fitted and candidates that the data do not determine, with the reasons. Empty if an up-to-date file was
+    /// found.
     pub left_out: Vec<String>,
     /// Reason why the calibration of recordings has no sensor. `None` if it has one, or an up-to-date file was found.
     pub no_sensor: Option<String>,
@@ -58,21 +54,24 @@ pub struct SpatialFitted {
 /// A sensor model to be fitted.
 struct Candidate {
     row: &'static SpatialModelRow,
+    /// Settings as given, over the defaults.
+    own: Value,
+    /// All settings.
     config: Value,
 }
 
 /// The sensor models to be fitted, given whether the sensor is a real one.
 fn candidates(models: &Models, real_sensor: bool) -> anyhow::Result<Vec<Candidate>> {
-    let candidate = |row: &'static SpatialModelRow, own: &Value| -> anyhow::Result<Candidate> {
-        Ok(Candidate { row, config: merged((row.defaults)(), own)? })
+    let candidate = |row: &'static SpatialModelRow, own: Value| -> anyhow::Result<Candidate> {
+        Ok(Candidate { row, config: merged((row.defaults)(), &own)?, own })
     };
     match models {
         Models::Auto => {
             let of_row =
                 |row: &'static SpatialModelRow| (row.candidates)(real_sensor).into_iter().map(move |own| (row, own));
-            SPATIAL_MODELS.iter().flat_map(of_row).map(|(row, own)| candidate(row, &own)).collect()
+            SPATIAL_MODELS.iter().flat_map(of_row).map(|(row, own)| candidate(row, own)).collect()
         }
-        Models::One { kind, config } => Ok(vec![candidate(sensor::spatial_model(kind)?, config)?]),
+        Models::One { kind, config } => Ok(vec![candidate(sensor::spatial_model(kind)?, config.clone())?]),
     }
 }
 
@@ -154,12 +153,8 @@ impl WhiskerFit<'_> {
         for trace in traces {
             front_end.check_trace(&trace.sidecar)?;
         }
-        let is_recorded = traces[0].sidecar.recorded.is_some();
-        if let Some(other) = traces.iter().find(|trace| trace.sidecar.recorded.is_some() != is_recorded) {
-            let kind = |is_recorded| if is_recorded { "a recording" } else { "a simulated trace" };
-            let (found, first) = (kind(!is_recorded), &traces[0].sidecar.name);
-            bail!("{}: found {found}, expected {}, as {first}", other.sidecar.name, kind(is_recorded));
-        }
+        let is_recorded =
+            are_recordings(traces.iter().map(|trace| (&*trace.sidecar.name, trace.sidecar.recorded.is_some())))?;
         // The readings of a recording already contain noise.
         let noise_fraction = if is_recorded { 0.0 } else { settings.noise };
         let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
@@ -176,7 +171,7 @@ impl WhiskerFit<'_> {
         if let Some(screening) = &screening {
             check_fitted(screening, &lines).with_context(place)?;
         }
-        let reference_noise_sd_n_m = mean_noise_sd_n_m(traces);
+        let reference_noise_sd_n_m = rms_noise_n_m(traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m()));
         let data = SpatialFitData {
             whisker: &whisker,
             lines: &lines,
@@ -184,7 +179,9 @@ impl WhiskerFit<'_> {
             across: screening.map_or(Across::Normal, |screening| screening.across),
             real_sensor: is_recorded,
         };
-        let (fits, left_out) = fits(candidates, &data, progress).with_context(place)?;
+        let fit = |candidate: &Candidate| sensor::fit(candidate.row, &candidate.config, &data);
+        let name = |candidate: &Candidate| format!("{} {}", candidate.row.kind, candidate.own);
+        let (fits, left_out) = determined(candidates, fit, name, progress).with_context(place)?;
         let data = FittedData {
             noise_fraction,
             seed: settings.seed,
@@ -219,13 +216,10 @@ fn recorded_sensor(traces: &[SpatialTrace]) -> Result<BendingSensor, String> {
             other.counts_per_n_m.counts_per_n_m, counts_per_n_m.counts_per_n_m
         ));
     }
-    Ok(BendingSensor { counts_per_n_m: *counts_per_n_m, noise_sd_n_m: mean_noise_sd_n_m(traces) })
-}
-
-/// Root mean square, over traces, of the standard deviations of the noise in their moments (N m).
-fn mean_noise_sd_n_m(traces: &[SpatialTrace]) -> f64 {
-    let variances = traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m().powi(2));
-    statistics::mean(variances).unwrap_or_default().sqrt()
+    Ok(BendingSensor {
+        counts_per_n_m: *counts_per_n_m,
+        noise_sd_n_m: rms_noise_n_m(traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m())),
+    })
 }
 
 /// Checks that the screening left at least half of the contacts. `lines` are the remaining lines.
@@ -253,34 +247,6 @@ fn not_fitted(screening: &Screening, lines: &[Vec<SpatialSample>]) -> Vec<String
     ];
     let stated = reasons.into_iter().filter(|(count, _)| *count > 0);
     stated.map(|(count, reason)| format!("{count} of {of} contacts: {reason}")).collect()
-}
-
-/// Fits of the candidates, at least one, and the reasons why others were left out.
-fn fits(
-    candidates: &[Candidate],
-    data: &SpatialFitData<'_>,
-    progress: &ProgressBar,
-) -> anyhow::Result<(Vec<SpatialFit>, Vec<String>)> {
-    let fit = |candidate: &Candidate| {
-        let fitted = sensor::fit(candidate.row, &candidate.config, data);
-        progress.inc(1);
-        fitted
-    };
-    let fitted: Vec<Result<SpatialFit, ModelError>> = candidates.par_iter().map(fit).collect();
-    let (mut fits, mut failed) = (Vec::new(), Vec::new());
-    for (candidate, fitted) in candidates.iter().zip(fitted) {
-        match fitted {
-            Ok(fit) => fits.push(fit),
-            Err(ModelError::Data(reason)) if candidates.len() > 1 => {
-                failed.push((reason.clone(), format!("{} {}: {reason}", candidate.row.kind, candidate.config)));
-            }
-            Err(error) => return Err(error.into()),
-        }
-    }
-    if fits.is_empty() {
-        bail!("no sensor model can be fitted: {}", failed[0].0);
-    }
-    Ok((fits, failed.into_iter().map(|(_, message)| message).collect()))
 }
 
 /// Smallest interval between two rows that ends a line of contacts, in sampling periods.

@@ -11,7 +11,7 @@ use trace::{LearntMounting, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialTrace
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge, TouchDetector};
 use whisker::space::frames::Point;
-use whisker::space::sensor::{FittedTouch, KnownContact, Mounting, MountingFit};
+use whisker::space::sensor::{CalibratedSpace, FittedTouch, KnownContact, Mounting, MountingFit};
 
 use crate::fit::check_replaces_calibration;
 
@@ -26,6 +26,8 @@ pub struct Mounted {
     pub trace_of_touch: Vec<String>,
     /// Largest reading of the calibration (N m).
     pub largest_reading_n_m: f64,
+    /// Root mean square error of the sensor model on held-out lines of the calibration (N m).
+    pub heldout_rms_n_m: f64,
     /// Traces of the earlier mounting that was replaced. Empty if the calibration had none.
     pub replaced: Vec<String>,
 }
@@ -93,7 +95,8 @@ pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Resu
     };
     let replaced = file.mounting.map(|before| before.traces).unwrap_or_default();
     write_json(out, &SpatialCalibrationFile { mounting: Some(mounting), ..file })?;
-    Ok(Mounted { learnt, trace_of_touch, largest_reading_n_m: calibrated.largest_reading_n_m, replaced })
+    let CalibratedSpace { largest_reading_n_m, heldout_rms_n_m, .. } = *calibrated;
+    Ok(Mounted { learnt, trace_of_touch, largest_reading_n_m, heldout_rms_n_m, replaced })
 }
 
 /// Refuses touches of which one agrees in no contact, or contradicts the mounting by the others.

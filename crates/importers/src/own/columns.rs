@@ -47,7 +47,7 @@ pub(super) fn read(path: &Path, layout: &Layout<'_>, wanted: &[Wanted<'_>]) -> R
     let (mut line, mut repeated, mut first_s) = (1 + skipped, 0, None);
     for (row, record) in rows.enumerate() {
         let record = record.map_err(|error| damaged(line + 1, error.to_string()))?;
-        line = record.position().map_or(line + 1, csv::Position::line) + skipped;
+        line = record.position().map_or(line + 1, |at| at.line() + skipped);
         if record.len() != header.len() {
             let expected = format!("{} fields, as in the header", header.len());
             return Err(table_error(path, line, "row", format!("{} fields", record.len()), &expected));

@@ -9,13 +9,16 @@ use trace::LARGEST;
 use super::mapping::{Channels, Keys, RecordingEntry};
 use super::quantity::Quantity;
 use super::rest::{AtRest, GLITCH, sustained};
-use super::series::{Glitch, Grid, Series, join, named, table_error};
+use super::series::{Glitch, Grid, Interval, Series, join, named, table_error};
 use super::units::{Reading, Unit};
 use super::{Geometry, Laboratory, PoseKeys, Source, source_sha256};
 use crate::MOST_COUNTS;
 
 /// Smallest difference of a single position from its neighbours that may be a glitch. It may also be a fast motion.
 const GLITCH_M: f64 = 0.01;
+
+/// Interval between samples, in those of the nominal rate, above which its length is stated.
+const STATED_INTERVALS: f64 = 5.0;
 
 /// A column to be read.
 #[derive(Clone, Copy, Debug)]
@@ -210,7 +213,11 @@ impl<'a, G: Geometry> Sampled<'a, G> {
             ));
         }
         if self.grid.is_resampled {
-            notes.push(format!("{name}: interpolated to equal intervals"));
+            let long = self.grid.longest.filter(|longest| longest.duration_s * self.rate_hz > STATED_INTERVALS);
+            let longest = long.map_or_else(String::new, |Interval { start_s, duration_s }| {
+                format!(", up to {duration_s:.3} s without a sample (from {start_s:.3} s on)")
+            });
+            notes.push(format!("{name}: interpolated to equal intervals{longest}"));
         }
         if self.grid.gaps > 0 {
             notes.push(format!("{name}: {} gaps without rows", self.grid.gaps));

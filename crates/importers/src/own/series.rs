@@ -240,6 +240,15 @@ pub(crate) struct Grid {
     pub(crate) is_resampled: bool,
     /// Gaps without rows.
     pub(crate) gaps: usize,
+    /// Longest interval between two samples that is interpolated, with the time at which it begins on the clock of the recording.
+    pub(crate) longest: Option<Interval>,
+}
+
+/// An interval of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Interval {
+    pub(crate) start_s: f64,
+    pub(crate) duration_s: f64,
 }
 
 impl Grid {
@@ -259,7 +268,7 @@ impl Grid {
             && is_even(&clock.times_s, rate_hz)
         {
             let t_s = (0..clock.times_s.len()).map(|row| row as f64 / rate_hz).collect();
-            return Ok(Self { t_s, clock_s: clock.times_s.clone(), is_resampled: false, gaps: 0 });
+            return Ok(Self { t_s, clock_s: clock.times_s.clone(), is_resampled: false, gaps: 0, longest: None });
         }
         for clock in &clocks {
             check_rate(path, rate_hz, clock)?;
@@ -271,7 +280,8 @@ impl Grid {
             let found = format!("{rate_hz}, which needs {:.0} rows for {samples} samples", covered_s * rate_hz);
             return Err(Error::value(path, "rate_hz", found, "about the rate of the recording"));
         }
-        let mut grid = Self { t_s: Vec::new(), clock_s: Vec::new(), is_resampled: true, gaps: gaps.len() };
+        let longest = longest_interval(&clocks, layout.longest_gap_s);
+        let mut grid = Self { t_s: Vec::new(), clock_s: Vec::new(), is_resampled: true, gaps: gaps.len(), longest };
         let mut open = gaps.iter().peekable();
         let mut row: u64 = 0;
         loop {
@@ -300,6 +310,15 @@ fn distinct<'a>(series: &[&'a Series]) -> Vec<&'a Clock> {
 
 fn is_even(times_s: &[f64], rate_hz: f64) -> bool {
     times_s.iter().enumerate().all(|(row, time_s)| ((time_s - times_s[0]) * rate_hz - row as f64).abs() < EVEN)
+}
+
+/// Longest interval between two samples of a clock, of those up to `most_s`.
+fn longest_interval(clocks: &[&Clock], most_s: f64) -> Option<Interval> {
+    let steps = clocks.iter().flat_map(|clock| clock.times_s.windows(2));
+    let intervals = steps.map(|pair| Interval { start_s: pair[0], duration_s: pair[1] - pair[0] });
+    intervals
+        .filter(|interval| interval.duration_s <= most_s)
+        .max_by(|one, other| one.duration_s.total_cmp(&other.duration_s))
 }
 
 /// Compares the rate with the median rate of a clock.

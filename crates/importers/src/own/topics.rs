@@ -6,6 +6,7 @@
 //! quaternion is its field `yaw`. If the names of several topics begin a column, as `/arm` and `/arm/wrist` do, it belongs to the
 //! longest.
 
+use std::cell::OnceCell;
 use std::path::Path;
 use std::rc::Rc;
 
@@ -158,22 +159,23 @@ struct Found {
 /// Number at a path. `None` if the message has no such element, for example another frame.
 fn value_at(record: &Record, message: &Value, field: &str, wanted: &Wanted<'_>) -> Result<Option<Found>, Error> {
     let stamp_of = |value: &Value| value.pointer("/header/stamp").cloned();
-    let (mut at, mut stamp) = (message.clone(), stamp_of(message));
+    let yaw = OnceCell::new();
+    let (mut at, mut stamp) = (message, stamp_of(message));
     for part in parts(field) {
         let (name, element) = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
             Some((name, element)) => (name, Some(element)),
             None => (part, None),
         };
-        let Some(next) = member(&at, name) else {
+        let Some(next) = member(at, name, &yaw) else {
             let known = at.as_object().map_or_else(Vec::new, |object| object.keys().cloned().collect());
             let found = format!("no field `{name}` among {}", known.join(", "));
             return Err(converted(record.wrong(found, format!("`{field}`"))));
         };
         at = match element {
             None => next,
-            Some(element) => match chosen(&at, &next, element) {
+            Some(element) => match chosen(at, next, element) {
                 Some(element) => {
-                    stamp = stamp_of(&element).or(stamp);
+                    stamp = stamp_of(element).or(stamp);
                     element
                 }
                 None => return Ok(None),
@@ -196,25 +198,26 @@ fn parts(field: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Member of an object; `yaw` also of a quaternion.
-fn member(value: &Value, name: &str) -> Option<Value> {
+/// Member of an object; `yaw` also of a quaternion, computed into `yaw`.
+fn member<'a>(value: &'a Value, name: &str, yaw: &'a OnceCell<Value>) -> Option<&'a Value> {
     if let Some(member) = value.get(name) {
-        return Some(member.clone());
+        return Some(member);
     }
     let [x, y, z, w] = ["x", "y", "z", "w"].map(|name| value.get(name).and_then(Value::as_f64));
     let (x, y, z, w) = (x?, y?, z?, w?);
-    (name == "yaw").then(|| Value::from((2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))))
+    let angle_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    (name == "yaw").then(|| yaw.get_or_init(|| Value::from(angle_rad)))
 }
 
 /// Element of a list by its index, by the name of its frame, or by the list `name` beside it.
-fn chosen(parent: &Value, list: &Value, element: &str) -> Option<Value> {
+fn chosen<'a>(parent: &Value, list: &'a Value, element: &str) -> Option<&'a Value> {
     let items = list.as_array()?;
     let index = element.parse().ok().or_else(|| {
         let is_named =
             |item: &Value| item.as_str() == Some(element) || item["child_frame_id"].as_str() == Some(element);
         items.iter().position(is_named).or_else(|| parent.get("name")?.as_array()?.iter().position(is_named))
     })?;
-    items.get::<usize>(index).cloned()
+    items.get::<usize>(index)
 }
 
 /// Time of a stamp (ns).
@@ -284,12 +287,12 @@ mod tests {
     #[test]
     fn verif_elements_and_angles_are_found_by_name() {
         let joints = serde_json::json!({"name": ["wrist", "elbow"], "position": [1.0, 2.0]});
-        assert_eq!(chosen(&joints, &joints["position"], "elbow"), Some(Value::from(2.0)));
-        assert_eq!(chosen(&joints, &joints["position"], "0"), Some(Value::from(1.0)));
+        assert_eq!(chosen(&joints, &joints["position"], "elbow"), Some(&Value::from(2.0)));
+        assert_eq!(chosen(&joints, &joints["position"], "0"), Some(&Value::from(1.0)));
         assert_eq!(chosen(&joints, &joints["position"], "knee"), None);
         let half = 0.5_f64;
         let turned = serde_json::json!({"x": 0.0, "y": 0.0, "z": half.sin(), "w": half.cos()});
-        assert!((member(&turned, "yaw").unwrap().as_f64().unwrap() - 1.0).abs() < 1e-12);
+        assert!((member(&turned, "yaw", &OnceCell::new()).unwrap().as_f64().unwrap() - 1.0).abs() < 1e-12);
         let found: Vec<_> = parts("transforms[arm/tool]/transform/translation/x").collect();
         assert_eq!(found, ["transforms[arm/tool]", "transform", "translation", "x"]);
         let topics = ["/wrench".to_owned(), "/wrench/left".to_owned()];

@@ -246,6 +246,7 @@ fn kind_of(event: &Event) -> (&'static str, bool) {
         Event::Stale { .. } => ("stale poses", false),
         Event::Recovered { .. } => ("poses again", false),
         Event::OffPlane { .. } => ("poses off the plane", true),
+        Event::Fast { .. } => ("implausibly fast poses", true),
         Event::Jumped { .. } => ("jumps of a clock", true),
         Event::NotFinite { .. } => ("values that are not finite", true),
     }

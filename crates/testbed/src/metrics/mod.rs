@@ -37,6 +37,16 @@ pub struct Metric {
     pub measure: fn(&Scored<'_>) -> Option<f64>,
 }
 
+impl Metric {
+    /// Index in [`METRICS`].
+    ///
+    /// # Panics
+    /// If the metric has no row there.
+    pub fn place(&self) -> usize {
+        METRICS.iter().position(|row| row.name == self.name).expect("a metric that is read has its row in METRICS")
+    }
+}
+
 /// Summary of a metric over the trials of a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Summary {
@@ -150,8 +160,7 @@ impl Scores {
 
     /// Value of one metric.
     pub fn get(&self, metric: &Metric) -> Option<f64> {
-        let place = METRICS.iter().position(|row| row.name == metric.name);
-        self.0[place.expect("a metric that is read has its row in METRICS")]
+        self.0[metric.place()]
     }
 
     /// Values in the order of [`METRICS`].

@@ -246,8 +246,9 @@ impl AnswerLine {
             mount_x_sd_m: deviates.map(|found| found.mount_x_m.sd),
             mount_y_m: deviates.map(|found| found.mount_y_m.value),
             mount_y_sd_m: deviates.map(|found| found.mount_y_m.sd),
-            model_doubtful: Some(estimate.model_doubtful),
-            second_contact: Some(estimate.second_contact),
+            // Methods that average no models never set them.
+            model_doubtful: estimate.models.map(|_| estimate.model_doubtful),
+            second_contact: estimate.models.map(|_| estimate.second_contact),
             ..Self::default()
         }
     }

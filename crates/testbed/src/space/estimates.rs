@@ -134,11 +134,6 @@ impl SpatialEstimateRow {
         Some(Vector3::new(self.truth_contact_x_m?, self.truth_contact_y_m?, self.truth_contact_z_m?))
     }
 
-    /// True point of the solid's surface, 3x1.
-    pub fn truth_surface_m(&self) -> Option<Vector3<f64>> {
-        Some(Vector3::new(self.truth_surface_x_m?, self.truth_surface_y_m?, self.truth_surface_z_m?))
-    }
-
     /// Distance between the estimated and the true contact. `None` if either is unknown.
     pub fn contact_error_m(&self) -> Option<f64> {
         Some((self.contact_m()? - self.truth_contact_m()?).norm())

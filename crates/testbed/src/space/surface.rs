@@ -16,7 +16,7 @@ const CERTAIN_SD_M: f64 = 0.1e-3;
 /// Edge of the grid on which triangles are formed, doubled until there are at most [`MOST_NODES`], and the number of nodes on each
 /// side of a point, along each axis, that have a value.
 const GRID_M: f64 = 0.5e-3;
-const MOST_NODES: usize = 1 << 20;
+const MOST_NODES: f64 = 1e6;
 const REACH: f64 = 8.0;
 
 /// A vertex of a mesh, in World.
@@ -141,10 +141,10 @@ impl Grid {
         let (low, high) = (places().reduce(|a, b| a.inf(&b))?, places().reduce(|a, b| a.sup(&b))?);
         let mut edge_m = GRID_M;
         loop {
-            let nodes = ((high - low) / edge_m).map(|count| count.ceil() as u32 + 2 * REACH as u32 + 1);
-            if nodes.iter().map(|count| *count as usize).product::<usize>() <= MOST_NODES {
+            let nodes = ((high - low) / edge_m).map(|count| count.ceil() + 2.0 * REACH + 1.0);
+            if nodes.product() <= MOST_NODES {
                 let first_m = low - Vector3::repeat(REACH * edge_m);
-                return Some(Self { first_m, edge_m, nodes: nodes.into() });
+                return Some(Self { first_m, edge_m, nodes: nodes.map(|count| count as u32).into() });
             }
             edge_m *= 2.0;
         }

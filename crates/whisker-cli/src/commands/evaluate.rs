@@ -264,7 +264,8 @@ fn in_space(
     ];
     if let Some((option, _)) = options.into_iter().find(|(_, is_given)| *is_given) {
         bail!(
-            "{option}: does not apply to traces in space, whose noise is white and relative to each set, or that of a front end"
+            "{option}: does not apply to traces in space; their noise is relative to each set, or that of a front end, and a run \
+             is computed by one process"
         );
     }
     let folder = run_folder(&arguments.results, arguments.name.as_ref().unwrap_or(&dataset.name))?;

@@ -11,7 +11,7 @@ use super::output::reserve;
 use super::played::check_trace;
 use super::{print, table};
 
-/// Size of a deviation, in standard deviations, above which it is noted.
+/// Size of a deviation, in standard deviations, and of a residual, in errors of the sensor model, above which it is noted.
 const UNEXPECTED: f64 = 2.0;
 
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
@@ -39,7 +39,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     traces.iter().try_for_each(|trace| check_trace(trace))?;
     let inputs: Vec<PathBuf> = traces.iter().chain([calibration]).cloned().collect();
     let _lock = reserve(out, &inputs)?;
-    let Mounted { learnt, trace_of_touch, largest_reading_n_m, replaced } = mount(calibration, traces, out)?;
+    let Mounted { learnt, trace_of_touch, largest_reading_n_m, heldout_rms_n_m, replaced } =
+        mount(calibration, traces, out)?;
     let MountingFit { mounting, touches } = learnt;
     let sds = mounting.covariance.diagonal().map(f64::sqrt);
     let row = |what: &str, unit: &str, value: Vector3<f64>, sd: Vector3<f64>| {
@@ -68,6 +69,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             1e3 * Mounting::SHIFT_SD_M,
             Mounting::TURN_SD_RAD.to_degrees()
         );
+    }
+    let after = |touch: &FittedTouch| touch.residuals_n_m.map(|[_, after]| after);
+    for (after_n_m, trace) in
+        touches.iter().map(after).zip(&trace_of_touch).filter_map(|(after, trace)| Some((after?, trace)))
+    {
+        if after_n_m > UNEXPECTED * heldout_rms_n_m {
+            eprintln!(
+                "{trace}: the residual after the correction is {:.1} times the error of the sensor model; its known place may be wrong, \
+                and the deviations less certain than stated",
+                after_n_m / heldout_rms_n_m
+            );
+        }
     }
     if !replaced.is_empty() {
         eprintln!("replaced: the mounting learnt from {}", replaced.join(", "));

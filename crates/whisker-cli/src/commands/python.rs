@@ -3,7 +3,7 @@
 use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::{Context, bail};
 
@@ -26,6 +26,13 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
             bail!("WHISKER_PYTHON: found {}, expected a Python interpreter", python.display())
         }
         Some(python) => {
+            if !from_sources && !has_package(&python) {
+                bail!(
+                    "WHISKER_PYTHON: found {}, which has no package whisker_sim: run `{} -m pip install ./sim` in the repository",
+                    python.display(),
+                    python.display()
+                );
+            }
             let mut command = Command::new(python);
             command.args(["-m", "whisker_sim"]);
             if from_sources {
@@ -42,6 +49,12 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
     };
     command.args(arguments);
     Ok(command)
+}
+
+/// Whether an interpreter finds the generator's package.
+fn has_package(python: &Path) -> bool {
+    let find = "import importlib.util, sys; sys.exit(importlib.util.find_spec('whisker_sim') is None)";
+    Command::new(python).args(["-c", find]).stdin(Stdio::null()).status().is_ok_and(|status| status.success())
 }
 
 /// Path of the installed script. `None` if no folder of the PATH has it.

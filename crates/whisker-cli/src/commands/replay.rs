@@ -144,6 +144,8 @@ impl Tally {
                 whisker is touched, or compare frames and units by `whisker check`",
                 self.estimates
             ));
+        } else {
+            notes.extend(few_estimates(self.touched.iter().sum(), self.estimates, &calibration.to_string()));
         }
         notes
     }
@@ -174,6 +176,16 @@ impl Tally {
         }
         format!("{touched} rows are in contact, but the estimator gave no estimate")
     }
+}
+
+/// A remark if fewer than half of the rows in contact have an estimate.
+pub(super) fn few_estimates(touching: u64, estimates: u64, calibration: &str) -> Option<String> {
+    (2 * estimates < touching).then(|| {
+        format!(
+            "few estimates: {estimates} for {touching} rows in contact; the other contacts lie outside those of {calibration}, at the \
+             tip, or contradict it"
+        )
+    })
 }
 
 /// A replay in constant memory: it holds the current row, and for a hindsight method the current contact.

@@ -21,13 +21,15 @@ use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow};
 use testbed::space::{SpatialEstimateRow, largest_reading_n_m, spatial_estimate_row};
 use trace::{Sidecar, SpatialCalibrationFile, SpatialSidecar, SpatialTrace, Trace, is_spatial};
 use whisker::ReadingGate;
-use whisker::space::estimators::Knowledge;
+use whisker::events::TouchConfig;
+use whisker::space::estimators::{Knowledge, Sample, TouchDetector};
 
 use super::evaluate::conclusion;
 use super::fit::{NO_SENSOR, note_noise};
 use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
+use super::replay::few_estimates;
 use super::{print, table};
 
 /// Largest held-out error of a sensor model, relative to the largest reading, that a correct calibration has.
@@ -210,7 +212,8 @@ pub(super) fn replay_in_space(
     let Prepared { trace: read, knowledge, readings_n_m } =
         Prepared::with_noise(read, options, &noise, (&calibration, &file))?;
     let InSpace { row, config, .. } = options;
-    let replayed = replay(row, config, &knowledge, &samples(&read, &readings_n_m))?;
+    let samples = samples(&read, &readings_n_m);
+    let replayed = replay(row, config, &knowledge, &samples)?;
     let instants = read.recording.instants.iter().zip(&read.truth.instants);
     let rows: Vec<SpatialEstimateRow> = instants
         .zip(readings_n_m.iter().zip(&replayed.estimates))
@@ -228,11 +231,17 @@ pub(super) fn replay_in_space(
         let most_n_m = gate.most_n_m();
         eprintln!("gated: {gated} of {} readings, beyond the largest plausible one, {most_n_m:.2e} N m", rows.len());
     }
-    if replayed.estimates.iter().all(Option::is_none) {
+    let estimates = replayed.estimates.iter().flatten().count() as u64;
+    let mut detector = TouchDetector::new(TouchConfig::default(), &knowledge);
+    let touches = |sample: &&Sample| detector.step(sample).is_some_and(|(_, touches)| touches);
+    let touching = samples.iter().filter(touches).count() as u64;
+    if estimates == 0 {
         eprintln!(
             "no estimates: no touch was detected in {} rows, or its contact lies outside the calibration",
             rows.len()
         );
+    } else if let Some(remark) = few_estimates(touching, estimates, &calibration.display().to_string()) {
+        eprintln!("{remark}");
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -13,6 +13,12 @@ const BLOCKS: usize = 5;
 /// Lower bound of a model's error, relative to the largest reading.
 const SMALLEST_ERROR: f64 = 1e-6;
 
+/// Lower bound of a model's mean square error (N2 m2) on a number of held-out samples: an error that their noise may hide counts as
+/// error, and so does a millionth of the largest reading.
+pub(crate) fn least_error_n2_m2(noise_n2_m2: f64, count: f64, largest_reading_n_m: f64) -> f64 {
+    (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2))
+}
+
 /// A fitted face and its residuals on held-out data.
 #[derive(Debug)]
 pub struct Fit {
@@ -51,6 +57,7 @@ pub struct FitData<'a> {
 /// [`ModelError`] if the settings are invalid or the data do not determine the model.
 pub fn fit(row: &ModelRow, config: &Value, material: &FitData<'_>) -> Result<Fit, ModelError> {
     let &FitData { whisker, face, measured, reference, .. } = material;
+    debug_assert!(measured.iter().map(Vec::len).eq(reference.iter().map(Vec::len)), "the same samples");
     let all = measured.concat();
     let rest = whisker.rest_shape();
     let coordinates: Vec<AlongAway> = all
@@ -92,9 +99,8 @@ pub fn fit(row: &ModelRow, config: &Value, material: &FitData<'_>) -> Result<Fit
 
     let flat = || residuals_n_m.iter().flatten();
     let noise_n2_m2 = material.reference_noise_sd_n_m.powi(2);
-    // An error that the noise of so many samples may hide counts as error, and so does a millionth of the range.
     let count = all.len() as f64;
-    let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
+    let least_n2_m2 = least_error_n2_m2(noise_n2_m2, count, largest_reading_n_m);
     let mean_square = flat().map(|r| r * r).sum::<f64>() / count;
     let residuals: Vec<Residual> =
         coordinates.iter().zip(flat()).map(|(&at, r)| Residual { shares: domain.shares(at), squared: r * r }).collect();

@@ -38,6 +38,7 @@ pub use crate::face::Face;
 pub use along_away::AlongAway;
 pub use domain::{Domain, Shares};
 pub use error_map::ErrorMap;
+pub(crate) use fit::least_error_n2_m2;
 pub use fit::{Fit, FitData, fit};
 pub(crate) use lean::{Lean, Leaning};
 pub use pin_friction::{PinFriction, WithoutFriction, without_friction};

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from whisker_sim.arm import panda
-from whisker_sim.motions.base import check_steps, raised_cosine
+from whisker_sim.motions.base import raised_cosine
 from whisker_sim.space.motions.base import SpatialMotion, SpatialPath, SpatialPlan, SpatialStage
 from whisker_sim.whisker import Angle, Array, Length, NotNegativeLength, Positive
 
@@ -50,7 +50,7 @@ class ArmStroke(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="arm
         # The angle of a small rotation follows from the Frobenius norm of its difference from unity.
         turns_rad = np.linalg.norm(np.diff(moved[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
         length_m = float(np.sum(np.hypot(steps_m, self.contact_arc_m * turns_rad)))
-        count = check_steps(2.0 * length_m / self.peak_speed_m_s / stage.timestep_s)
+        count = path.check(2.0 * length_m / self.peak_speed_m_s / stage.timestep_s, "motion.peak_speed_m_s")
         if length_m < _SHORTEST_M:
             raise ValueError(f"motion.joints_rad: expected a stroke of at least {_SHORTEST_M} m, found {length_m:.2g} m")
         # The speed is twice its mean in the middle of a stroke.
@@ -60,11 +60,11 @@ class ArmStroke(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="arm
         there = approach.posed(pressed_m + moved[:, :3, 3] @ approach.rotation.T, moved[:, :3, :3])
         back = np.concatenate((there[-2::-1], approach.at(self.depth_m)[None]))
         for _ in range(self.strokes):
-            path.follow(there)
-            path.rest(self.dwell_s)
-            path.follow(back)
-            path.rest(self.dwell_s)
-        return SpatialPlan(approach.rotation, path.coordinates(), ((touch_s, path.time_s),))
+            path.add(there, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
+            path.add(back, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
+        return SpatialPlan(approach.rotation, path.poses(), ((touch_s, path.time_s),))
 
     def _moved(self, share: Array) -> Array:
         """Poses (n, 4, 4) of the base relative to that of the posture, after the shares (n,) of the stroke."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 
-from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, check_steps, raised_cosine
+from whisker_sim.motions.base import REST_S, TOUCH_GAP_M, Pieces, raised_cosine
 from whisker_sim.space.rotation import (
     Quaternion,
     Vector,
@@ -161,51 +161,23 @@ def _angles(rotation: Array) -> Array:
     return angles_rad
 
 
-class SpatialPath:
-    """Sequence of straight moves of the base's coordinates with raised-cosine speed."""
+class SpatialPath(Pieces):
+    """Sequence of straight moves of the base's coordinates (6,) with raised-cosine speed."""
 
-    def __init__(self, start: Array, timestep_s: float) -> None:
-        self._timestep_s = timestep_s
-        self._pieces = [start[None, :]]
-
-    @property
-    def end(self) -> Array:
-        """The last coordinates."""
-        return self._pieces[-1][-1]
-
-    @property
-    def time_s(self) -> float:
-        """Time of the last coordinates."""
-        return (sum(len(piece) for piece in self._pieces) - 1) * self._timestep_s
-
-    def rest(self, duration_s: float) -> None:
-        """Adds a rest."""
-        count = round(duration_s / self._timestep_s)
-        if count > 0:
-            self._pieces.append(np.repeat(self.end[None, :], count, axis=0))
-
-    def move(self, target: Array, peak_speed_m_s: float, turning_m: float = 0.0) -> None:
+    def move(self, target: Array, peak_speed_m_s: float, key: str, turning_m: float = 0.0) -> None:
         """Adds a straight move to `target` that reaches `peak_speed_m_s`; a turn counts as the angle times `turning_m`."""
         change = target - self.end
         distance_m = float(np.hypot(np.linalg.norm(change[:3]), turning_m * np.linalg.norm(change[3:])))
-        count = check_steps(2.0 * distance_m / peak_speed_m_s / self._timestep_s)
+        count = self.check(2.0 * distance_m / peak_speed_m_s / self._timestep_s, key)
         if count > 0:
             share = raised_cosine(np.arange(1, count + 1) / count)
-            self._pieces.append(self.end + share[:, None] * change)
-
-    def follow(self, coordinates: Array) -> None:
-        """Adds the given coordinates (n, 6), one per time step."""
-        self._pieces.append(coordinates)
+            self.add(self.end + share[:, None] * change, key)
 
     def touch(self, approach: Approach, motion: SpatialMotion, depth_m: float) -> float:
         """Adds the rest, the approach and the first press to `depth_m`; returns the time from which the whisker is in contact."""
         self.rest(REST_S)
-        self.move(approach.at(-TOUCH_GAP_M), motion.touch_speed_m_s)
-        self.move(approach.at(depth_m), motion.touch_speed_m_s)
+        self.move(approach.at(-TOUCH_GAP_M), motion.touch_speed_m_s, "motion.touch_speed_m_s")
+        self.move(approach.at(depth_m), motion.touch_speed_m_s, "motion.touch_speed_m_s")
         touch_s = self.time_s
-        self.rest(motion.dwell_s)
+        self.rest(motion.dwell_s, "motion.dwell_s")
         return touch_s
-
-    def coordinates(self) -> Array:
-        """All coordinates (n, 6); raises `ValueError` if they are too many."""
-        return np.concatenate(self._pieces)

@@ -24,7 +24,7 @@ class Push(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="push"):
         path = SpatialPath(approach.at(-self.clearance_m), stage.timestep_s)
         touch_s = path.touch(approach, self, self.touch_depth_m)
         for _ in range(self.pushes):
-            path.move(approach.at(self.depth_m), self.peak_speed_m_s)
-            path.rest(self.dwell_s)
-            path.move(approach.at(self.touch_depth_m), self.peak_speed_m_s)
-        return SpatialPlan(approach.rotation, path.coordinates(), ((touch_s, path.time_s),))
+            path.move(approach.at(self.depth_m), self.peak_speed_m_s, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
+            path.move(approach.at(self.touch_depth_m), self.peak_speed_m_s, "motion.peak_speed_m_s")
+        return SpatialPlan(approach.rotation, path.poses(), ((touch_s, path.time_s),))

@@ -42,7 +42,9 @@ class SpatialSmooth(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag=
         approach = self.approach(stage)
         path = SpatialPath(approach.at(-self.clearance_m), stage.timestep_s)
         touch_s = path.touch(approach, self, self.depth_m)
-        count = round((stage.duration_s - path.time_s) / stage.timestep_s)
+        steps = (stage.duration_s - path.time_s) / stage.timestep_s
+        path.check(steps, "duration_s")
+        count = round(steps)
         if count * stage.timestep_s < _RAMP_S:
             raise ValueError(
                 f"duration_s: expected at least {path.time_s + _RAMP_S:.2f} s for this motion, found {stage.duration_s}"
@@ -51,8 +53,8 @@ class SpatialSmooth(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag=
         ramp = raised_cosine(time_s / _RAMP_S)[:, None]
         aside_m = self.translation_m * ramp * self._waves(time_s, stage.rng)
         turn_rad = self.rotation_rad * ramp * self._waves(time_s, stage.rng)
-        path.follow(approach.at(np.full(count, self.depth_m), aside_m, turn(turn_rad)))
-        return SpatialPlan(approach.rotation, path.coordinates(), ((touch_s, path.time_s),))
+        path.add(approach.at(np.full(count, self.depth_m), aside_m, turn(turn_rad)), "duration_s")
+        return SpatialPlan(approach.rotation, path.poses(), ((touch_s, path.time_s),))
 
     def _waves(self, time_s: Array, rng: np.random.Generator) -> Array:
         """Random waves (n, 3) of amplitude 1, with one frequency in each of equal bands."""

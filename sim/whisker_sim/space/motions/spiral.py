@@ -4,7 +4,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from whisker_sim.motions.base import check_steps
 from whisker_sim.space.motions.base import SpatialMotion, SpatialPath, SpatialPlan, SpatialStage
 from whisker_sim.space.rotation import unit
 from whisker_sim.whisker import Array, Length, Positive
@@ -27,14 +26,14 @@ class Spiral(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="spiral
         touch_s = path.touch(approach, self, self.depth_m)
         # The speed is largest where the radius is, after half of the time.
         duration_s = 4.0 * np.pi * self.turns * self.radius_m / self.peak_speed_m_s
-        count = check_steps(duration_s / stage.timestep_s)
+        count = path.check(duration_s / stage.timestep_s, "motion.peak_speed_m_s")
         time = np.arange(1, count + 1) / count
         radius_m, angle_rad = self.radius_m * np.sin(np.pi * time) ** 2, 4.0 * np.pi * self.turns * time
         first, second = _across(approach.direction)
         aside_m = (radius_m * np.cos(angle_rad))[:, None] * first + (radius_m * np.sin(angle_rad))[:, None] * second
-        path.follow(approach.at(np.full(count, self.depth_m), aside_m))
-        path.rest(self.dwell_s)
-        return SpatialPlan(approach.rotation, path.coordinates(), ((touch_s, path.time_s),))
+        path.add(approach.at(np.full(count, self.depth_m), aside_m), "motion.peak_speed_m_s")
+        path.rest(self.dwell_s, "motion.dwell_s")
+        return SpatialPlan(approach.rotation, path.poses(), ((touch_s, path.time_s),))
 
 
 def _across(direction: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from whisker_sim.motions.base import check_steps, raised_cosine
+from whisker_sim.motions.base import raised_cosine
 from whisker_sim.space.motions.base import SpatialMotion, SpatialPath, SpatialPlan, SpatialStage
 from whisker_sim.space.rotation import Vector, turn
 from whisker_sim.whisker import Length, Positive
@@ -38,13 +38,13 @@ class Sweep(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="sweep")
         path = SpatialPath(approach.at(-self.clearance_m), stage.timestep_s)
         touch_s = path.touch(approach, self, self.depth_m)
         length_m = float(np.hypot(np.linalg.norm(stroke_m), self.contact_arc_m * np.linalg.norm(tilt_rad)))
-        count = check_steps(2.0 * length_m / self.peak_speed_m_s / stage.timestep_s)
+        count = path.check(2.0 * length_m / self.peak_speed_m_s / stage.timestep_s, "motion.peak_speed_m_s")
         share = raised_cosine(np.arange(1, count + 1) / count)[:, None]
         there = approach.at(np.full(count, self.depth_m), share * stroke_m, turn(share * tilt_rad))
         back = np.concatenate((there[-2::-1], approach.at(self.depth_m)[None]))
         for _ in range(self.strokes):
-            path.follow(there)
-            path.rest(self.dwell_s)
-            path.follow(back)
-            path.rest(self.dwell_s)
-        return SpatialPlan(approach.rotation, path.coordinates(), ((touch_s, path.time_s),))
+            path.add(there, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
+            path.add(back, "motion.peak_speed_m_s")
+            path.rest(self.dwell_s, "motion.dwell_s")
+        return SpatialPlan(approach.rotation, path.poses(), ((touch_s, path.time_s),))

@@ -7,13 +7,13 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.base import Nearest, Oriented
-from whisker_sim.whisker import Array, Length
+from whisker_sim.whisker import Array, Dimension
 
 
 class Box(Oriented, frozen=True, forbid_unknown_fields=True, tag="box"):
     """Box with the edge lengths `size_m` along the axes of its frame."""
 
-    size_m: tuple[Length, Length, Length]
+    size_m: tuple[Dimension, Dimension, Dimension]
 
     example: ClassVar[dict[str, Any]] = {"size_m": (0.03, 0.02, 0.05), "orientation": (0.8, 0.0, 0.6, 0.0)}
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.turned import Turned
-from whisker_sim.whisker import Array, Length, NotNegativeLength
+from whisker_sim.whisker import Array, Dimension, NotNegativeLength
 
 _SIDES = 360
 
@@ -17,8 +17,8 @@ class Cone(Turned, frozen=True, forbid_unknown_fields=True, tag="cone"):
     MuJoCo's geometry is a pyramid of 360 sides inside the cone, lower than it by at most 4e-5 of the radius.
     """
 
-    radius_m: Length
-    length_m: Length
+    radius_m: Dimension
+    length_m: Dimension
     top_radius_m: NotNegativeLength = 0.0
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.02, "length_m": 0.06}

@@ -6,14 +6,14 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.turned import Turned
-from whisker_sim.whisker import Array, Length
+from whisker_sim.whisker import Array, Dimension
 
 
 class Cylinder(Turned, frozen=True, forbid_unknown_fields=True, tag="cylinder"):
     """Cylinder along `axis` with flat ends, whose rims are edges."""
 
-    radius_m: Length
-    length_m: Length = 0.2
+    radius_m: Dimension
+    length_m: Dimension = 0.2
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.015, "axis": (0.0, 0.5, 1.0)}
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.base import FACE, Axial, Nearest, circle, outward
-from whisker_sim.whisker import Array, Length
+from whisker_sim.whisker import Array, Dimension
 
 
 class ThinRod(Axial, frozen=True, forbid_unknown_fields=True, tag="pin"):
     """Thin rod along `axis`, by default 1 mm in diameter, with hemispheres at its ends."""
 
-    radius_m: Length = 0.5e-3
-    length_m: Length = 0.2
+    radius_m: Dimension = 0.5e-3
+    length_m: Dimension = 0.2
     """Distance between the centres of the hemispheres."""
 
     example: ClassVar[dict[str, Any]] = {"axis": (0.3, -0.2, 1.0)}

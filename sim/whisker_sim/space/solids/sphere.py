@@ -6,13 +6,13 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.base import FACE, Nearest, Solid, circle, outward
-from whisker_sim.whisker import Array, Length
+from whisker_sim.whisker import Array, Dimension
 
 
 class Sphere(Solid, frozen=True, forbid_unknown_fields=True, tag="sphere"):
     """Sphere of radius `radius_m`."""
 
-    radius_m: Length
+    radius_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.02}
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from whisker_sim.shapes.base import mjcf
 from whisker_sim.space.solids.base import FACE, Axial, Nearest, circle, outward
-from whisker_sim.whisker import Array, Length
+from whisker_sim.whisker import Array, Dimension
 
 _PIECES = 2880
 
@@ -18,8 +18,8 @@ class Torus(Axial, frozen=True, forbid_unknown_fields=True, tag="torus"):
     inclined by at most a sixteenth of a degree.
     """
 
-    radius_m: Length
-    tube_m: Length
+    radius_m: Dimension
+    tube_m: Dimension
 
     example: ClassVar[dict[str, Any]] = {"radius_m": 0.02, "tube_m": 0.005}
 

@@ -70,9 +70,15 @@ impl Conversion {
                 "none, and {} of {contacts} contacts of the calibration within reach of the whisker",
                 pairs.len()
             );
+            let advice = if 2 * pairs.len() < *contacts {
+                "compare units, `base`, `contact` and `face` of the mapping"
+            } else {
+                "compare `contact`, `base`, `face`, `whisker`, `rest_s` and `touch` of the mapping with the recordings, look for \
+                readings that are saturated or late"
+            };
             let expected = format!(
-                "contacts that determine a monotone characteristic of degree {degree}; compare units, `base` and \
-                `face` of the mapping, or state a smaller `degree` or the characteristic"
+                "contacts that determine a monotone characteristic of degree {degree}; {advice}, or state a smaller `degree` or the \
+                characteristic"
             );
             missing(found, expected)
         })?;

@@ -58,6 +58,7 @@ impl Sink {
                 Event::Stale { .. } => ("stale poses", MOST_NOTES),
                 Event::OffPlane { .. } => ("poses off the plane", MOST_NOTES),
                 Event::Recovered { .. } => ("poses again", MOST_NOTES),
+                Event::Fast { .. } => ("implausibly fast poses", MOST_NOTES),
                 Event::Jumped { .. } => ("jumps of a clock", MOST_NOTES),
                 Event::NotFinite { .. } => ("values that are not finite", 1),
             };
@@ -116,12 +117,23 @@ impl Sink {
             }
         }
         for (name, counters) in whiskers {
-            self.print(&format!("{}: {counters}", name.as_deref().unwrap_or("whisker")));
+            let name = name.as_deref().unwrap_or("whisker");
+            self.print(&format!("{name}: {counters}"));
+            for remark in remarks(counters) {
+                self.print(&format!("{name}: note: {remark}"));
+            }
         }
         if self.latency.count() > 0 {
             self.print(&format!("latency from reading to answer: {} answers, {}", self.latency.count(), self.latency));
         }
         if self.refused > 0 { FINISHED_WITH_FAILURES.into() } else { ExitCode::SUCCESS }
+    }
+
+    /// States that whiskers have sent no first line.
+    pub(super) fn state_waiting(&self, names: &[Option<String>]) {
+        for name in names {
+            self.print(&format!("{}: note: no first line arrived", name.as_deref().unwrap_or("whisker")));
+        }
     }
 
     fn add(&mut self, answer: &impl Serialize) -> anyhow::Result<()> {
@@ -155,4 +167,26 @@ impl Sink {
         let _write = self.writing.begin(Stream::Stderr);
         diagnose(line);
     }
+}
+
+/// Counts that let readings, poses or settings look wrong.
+fn remarks(counters: &Counters) -> Vec<String> {
+    let Counters { matched, touching, estimates, gated, missing, .. } = *counters;
+    let mut remarks = Vec::new();
+    if 2 * gated > matched {
+        remarks.push(format!(
+            "{gated} of {matched} readings are gated, beyond the largest plausible one; compare the unit of the readings"
+        ));
+    } else if 2 * estimates < touching {
+        remarks.push(format!(
+            "{touching} readings are in contact, {estimates} have an estimate: the others contradict the calibration, or their \
+             contacts lie outside it; compare units, signs and frames of readings and poses"
+        ));
+    }
+    if missing > matched {
+        remarks.push(format!(
+            "{missing} readings are missing, more than the {matched} that arrived; compare rate_hz with the times of the readings"
+        ));
+    }
+    remarks
 }

@@ -13,8 +13,8 @@ use anyhow::{Context, bail};
 use live::counts::{self, BendingCounts, Conversion, Counts, MODULI, Reading, Sensor, ZEROING_S, ZEROINGS_S};
 use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialGiven, SpatialPriorLine, Written};
 use live::{
-    Answer, Counters, Kind, LiveEstimator, MOST_NOISE_N_M, Motion, Output, Planar, Poses, Spatial, SpatialPoses,
-    Status, Timing,
+    Answer, Counters, Kind, LiveEstimator, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Status, Timing,
+    noise_n_m,
 };
 use nalgebra::Vector2;
 use serde_json::{Value, json};
@@ -195,8 +195,10 @@ where
     let (sender, lines) = sync_channel(AHEAD);
     thread::Builder::new().name("stdin".into()).spawn(move || read(&sender)).context("thread of stdin")?;
     let served = session.serve(&lines, stop);
+    let waiting = session.waiting();
     let counts = session.end_workers()?;
     served?;
+    locked(&session.sink).state_waiting(&waiting);
     Ok(locked(&session.sink).finish(&counts))
 }
 
@@ -389,11 +391,16 @@ where
         locked(&self.sink).refuse(kind, || format!("stdin: line {}, {bad}; {}", self.lines, self.consequence()))
     }
 
+    /// Names of the whiskers without a first line.
+    fn waiting(&self) -> Vec<Option<String>> {
+        self.whiskers.iter().filter(|whisker| whisker.worker.is_none()).map(|whisker| whisker.name.clone()).collect()
+    }
+
     /// States which lines are left out after one that is no message: also those of whiskers without a first line, as which it may have
     /// been meant.
     fn consequence(&self) -> String {
-        let waiting: Vec<_> = self.whiskers.iter().filter(|whisker| whisker.worker.is_none()).collect();
-        let names: Vec<_> = waiting.iter().filter_map(|whisker| whisker.name.as_deref()).collect();
+        let waiting = self.waiting();
+        let names: Vec<_> = waiting.iter().flatten().map(String::as_str).collect();
         match (waiting.len(), names.as_slice()) {
             (0, _) => "the line is left out".into(),
             (_, []) => "the line is left out, and so is every reading and pose before a valid first line".into(),
@@ -462,8 +469,8 @@ where
     }
 }
 
-/// Checks what the first lines of both protocols have in common.
-fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow::Result<()> {
+/// Checks what the first lines of both protocols have in common. `largest_n_m` is the largest calibrated reading.
+fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64, largest_n_m: f64) -> anyhow::Result<()> {
     let (found, expected) = protocol;
     if found != expected {
         let kind = if expected == SPATIAL_PROTOCOL { "in space" } else { "in the plane" };
@@ -473,8 +480,11 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64) -> anyhow:
     if !(least..=most).contains(&rate_hz) {
         bail!("rate_hz: found {}, expected {least} to {most}", shown_number(rate_hz));
     }
-    if !(0.0..=MOST_NOISE_N_M).contains(&noise_sd_n_m) {
-        bail!("noise_sd_n_m: found {}, expected 0 to {MOST_NOISE_N_M}", shown_number(noise_sd_n_m));
+    if !(0.0..=largest_n_m).contains(&noise_sd_n_m) {
+        let found = shown_number(noise_sd_n_m);
+        bail!(
+            "noise_sd_n_m: found {found}, expected 0 to {largest_n_m:.3e} N m, the largest reading of the calibration"
+        );
     }
     Ok(())
 }
@@ -593,14 +603,16 @@ impl Method for InPlane {
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
         let sensor = CountsOf::sensor(calibration, path, prior)?;
-        let noise_sd_n_m = prior.noise_sd_n_m.or(sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
+        let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
+        let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
             format!(
                 "noise_sd_n_m: found none, expected the standard deviation of the noise: the first line names no sensor of {}, \
                  and that calibration has none of recordings",
                 path.display()
             )
         })?;
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
+        let largest_n_m = calibration.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m, largest_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
             bail!("whisker.{difference}, as in {}", path.display());
@@ -702,14 +714,15 @@ impl Method for OfSpace {
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
-        let noise_sd_n_m = prior.noise_sd_n_m.or(file.sensor.map(|sensor| sensor.noise_sd_n_m)).with_context(|| {
+        let of_sensor = file.sensor.map(|sensor| sensor.noise_sd_n_m);
+        let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
             format!(
                 "noise_sd_n_m: found none, expected the standard deviation of the noise (N m), since the calibration {} has no \
                  `sensor` that states it",
                 path.display()
             )
         })?;
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m, file.largest_reading_n_m)?;
         check_counts(prior.zeroing_s, prior.modulo)?;
         let for_counts = [("zeroing_s", prior.zeroing_s), ("modulo", prior.modulo)];
         if let Some((key, _)) = for_counts.iter().find(|(_, stated)| stated.is_some() && file.sensor.is_none()) {
@@ -731,7 +744,7 @@ impl Method for OfSpace {
         let build = move || space::replay::build(row, &config, &of_build);
         let zeroing_s = prior.zeroing_s.unwrap_or(ZEROING_S);
         let conversion = |sensor: BendingSensor| {
-            let sensor = BendingSensor { noise_sd_n_m: sensor.noise_sd_n_m.max(noise_sd_n_m), ..sensor };
+            let sensor = BendingSensor { noise_sd_n_m, ..sensor };
             let largest_n_m = file.largest_reading_n_m;
             BendingCounts::new(sensor, largest_n_m, [0, 1], prior.modulo, zeroing_s, timing, prior.rate_hz)
         };

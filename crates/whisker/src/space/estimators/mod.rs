@@ -64,7 +64,7 @@ pub struct Estimate {
     pub covariance_m2: Matrix3<f64>,
     /// Unit normal of the touched surface in Base, out of the object.
     pub normal: Vector3<f64>,
-    /// Posterior covariance of the normal (rad2), 3x3, singular along the normal itself.
+    /// Posterior covariance of the normal (rad2), 3x3, singular along the normal itself. Zero if an external program does not state it.
     pub normal_covariance: Matrix3<f64>,
     /// Direction of the edge or rod. `None` if the method does not estimate it.
     pub direction: Option<Direction>,
@@ -153,6 +153,11 @@ impl TouchDetector {
         }
         Some((sample, touches))
     }
+
+    /// Whether the whisker touched at the last sample.
+    fn touches(&self) -> bool {
+        self.detectors.iter().any(|detector| detector.signals().touched.is_some())
+    }
 }
 
 /// Detects the contacts of a recording and estimates them, sample by sample.
@@ -214,6 +219,11 @@ impl Estimator {
         samples.iter().for_each(|sample| self.push(sample, &mut estimates));
         self.end(&mut estimates);
         estimates
+    }
+
+    /// Whether the whisker touched at the last sample.
+    pub fn touches(&self) -> bool {
+        self.touch.touches()
     }
 
     /// Whether a touch is in progress whose estimates will be revised. Always false for causal methods.

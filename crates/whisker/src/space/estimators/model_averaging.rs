@@ -272,11 +272,10 @@ impl Average {
         likeliest.is_some_and(|(tracker, _)| tracker.is_another())
     }
 
-    /// Estimate of the mixture. `None` if the probable candidates have none.
-    fn together(&self, estimates: &[Option<Estimate>]) -> Option<Estimate> {
-        let shares = self.shares();
+    /// Estimate of the mixture, given the probabilities of the candidates. `None` if the probable ones have none.
+    fn together(&self, shares: &[f64], estimates: &[Option<Estimate>]) -> Option<Estimate> {
         let most = shares.iter().copied().fold(0.0, f64::max);
-        let stated = estimates.iter().zip(&shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share)));
+        let stated = estimates.iter().zip(shares).filter_map(|(estimate, share)| Some((estimate.as_ref()?, *share)));
         let parts: Vec<(&Estimate, f64)> =
             stated.filter(|(_, share)| *share >= self.config.ignored_share * most).collect();
         let known: f64 = parts.iter().map(|(_, share)| share).sum();
@@ -320,7 +319,7 @@ impl Average {
             direction,
             radius: radius.map(|size| Radius { radius_m: size.mean[0], sd_m: size.covariance[0].sqrt() }),
             innovation,
-            models: Some(ModelShares::new(self.names.iter().copied().zip(shares))),
+            models: Some(ModelShares::new(self.names.iter().copied().zip(shares.iter().copied()))),
             model_doubtful: Some(contradicted > 0.5 * known),
             ..*leading
         })
@@ -350,7 +349,7 @@ impl Tracker for Average {
         let of_all = self.trackers.iter().filter(|tracker| !tracker.has_begun_anew());
         let least_excess = of_all.filter_map(|tracker| tracker.excess()).fold(f64::INFINITY, f64::min);
         self.trackers.iter_mut().for_each(|tracker| tracker.compare(least_excess));
-        let together = self.together(&estimates);
+        let together = self.together(&self.shares(), &estimates);
         if self.is_another() {
             self.forget();
         }
@@ -363,10 +362,10 @@ impl Tracker for Average {
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {
         let of_each: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.hindsight()).collect::<Option<_>>()?;
-        let samples = of_each.iter().map(Vec::len).min()?;
+        let (samples, shares) = (of_each.iter().map(Vec::len).min()?, self.shares());
         let of_sample = |sample: usize| {
             let estimates: Vec<_> = of_each.iter().map(|estimates| estimates[sample]).collect();
-            self.together(&estimates).map(|together| self.doubted(together))
+            self.together(&shares, &estimates).map(|together| self.doubted(together))
         };
         Some((0..samples).map(of_sample).collect())
     }

@@ -124,8 +124,7 @@ impl<Model: Motion<N>, const N: usize> Particles<Model, N> {
         let belief = set.moments();
         // The error of the sensor model recurs at the same contact. If each particle had its own covariance, small residuals would
         // count as evidence for contacts at which the model is accurate.
-        let noise_n2_m2 = Measurement::<N, 2>::noise(&reading, &belief.mean);
-        let (expected_n_m, jacobian) = Measurement::<N, 2>::linearised(&reading, &belief.mean)?;
+        let (expected_n_m, jacobian, noise_n2_m2) = reading.linearised_with_noise(&belief.mean)?;
         let innovation = Innovation::of(
             sample.reading_n_m - expected_n_m,
             jacobian * belief.covariance * jacobian.transpose() + noise_n2_m2,
@@ -191,5 +190,10 @@ impl<const N: usize> Measurement<N, 1> for Whitened<'_> {
 
     fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 1, N>> {
         Some(self.row * Measurement::<N, 2>::jacobian(self.reading, x)?)
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector1<f64>, SMatrix<f64, 1, N>)> {
+        let (expected, jacobian) = Measurement::<N, 2>::linearised(self.reading, x)?;
+        Some((self.row * expected, self.row * jacobian))
     }
 }

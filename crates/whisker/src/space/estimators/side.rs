@@ -225,24 +225,41 @@ impl<const N: usize> Measurement<N, 2> for ContactReading<'_> {
 
     fn noise(&self, x: &SVector<f64, N>) -> Matrix2<f64> {
         let at = Around::of_state(x);
-        let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
+        self.noise_n2_m2(at, &self.side.expect(at))
+    }
+
+    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 2, N>> {
+        Some(jacobian(&self.side.expect(Around::of_state(x))))
+    }
+
+    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector2<f64>, SMatrix<f64, 2, N>)> {
+        let expected = self.side.expect(Around::of_state(x));
+        Some((expected.reading_n_m, jacobian(&expected)))
+    }
+
+    fn linearised_with_noise(&self, x: &SVector<f64, N>) -> Option<(Vector2<f64>, SMatrix<f64, 2, N>, Matrix2<f64>)> {
+        let at = Around::of_state(x);
         let expected = self.side.expect(at);
+        Some((expected.reading_n_m, jacobian(&expected), self.noise_n2_m2(at, &expected)))
+    }
+}
+
+impl ContactReading<'_> {
+    /// Noise covariance (N2 m2), 2x2, at a contact with this expected reading.
+    fn noise_n2_m2(&self, at: Around, expected: &Expected) -> Matrix2<f64> {
+        let inertia_n_m = self.side.inertia_n_m(at, self.acceleration_m_s2);
         // Readings within twice the correlation length share one error, and determine the contact no better than one of them.
         let repeated_n2_m2 = expected.model_n2_m2 * (self.new_share.recip() - 1.0);
         let once_n2_m2 = expected.covariance_n2_m2() + self.side.noise_of_mean_n2_m2(self.count);
         once_n2_m2 + repeated_n2_m2 + Matrix2::identity() * inertia_n_m.powi(2)
     }
+}
 
-    fn jacobian(&self, x: &SVector<f64, N>) -> Option<SMatrix<f64, 2, N>> {
-        Some(Measurement::<N, 2>::linearised(self, x)?.1)
-    }
-
-    fn linearised(&self, x: &SVector<f64, N>) -> Option<(Vector2<f64>, SMatrix<f64, 2, N>)> {
-        let Expected { reading_n_m, slopes, .. } = self.side.expect(Around::of_state(x));
-        let mut jacobian = SMatrix::<f64, 2, N>::zeros();
-        jacobian.fixed_columns_mut::<3>(0).copy_from(&slopes);
-        Some((reading_n_m, jacobian))
-    }
+/// Derivatives of the expected reading by the state, whose first three entries are the coordinates of the contact.
+fn jacobian<const N: usize>(expected: &Expected) -> SMatrix<f64, 2, N> {
+    let mut jacobian = SMatrix::<f64, 2, N>::zeros();
+    jacobian.fixed_columns_mut::<3>(0).copy_from(&expected.slopes);
+    jacobian
 }
 
 #[cfg(test)]

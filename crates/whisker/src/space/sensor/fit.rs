@@ -10,14 +10,11 @@ use super::{
     Across, Around, Axis, CalibratedSpace, SpatialDomain, SpatialErrorMap, SpatialModelRow, SpatialRegion,
     SpatialSample, SpatialWhisker,
 };
-use crate::sensor::ModelError;
+use crate::sensor::{ModelError, least_error_n2_m2};
 use crate::space::frames::Point;
 
 /// Way of the contact over which readings are averaged.
 const BLOCK_M: f64 = 0.25e-3;
-
-/// Lower bound of a model's error, relative to the largest reading.
-const SMALLEST_ERROR: f64 = 1e-6;
 
 /// Smallest number of lines that can be cross-validated.
 const LEAST_LINES: usize = 4;
@@ -114,8 +111,7 @@ pub fn fit(row: &SpatialModelRow, config: &Value, data: &SpatialFitData<'_>) -> 
     let largest_reading_n_m = all.iter().map(|sample| sample.reference_n_m.norm()).fold(0.0, f64::max);
     let count = residuals.len() as f64;
     let noise_n2_m2 = residuals.iter().map(|residual| residual.noise_n2_m2).sum::<f64>() / count;
-    // An error that the noise of so many samples may hide counts as error, and so does a millionth of the range.
-    let least_n2_m2 = (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2));
+    let least_n2_m2 = least_error_n2_m2(noise_n2_m2, count, largest_reading_n_m);
     let mean_square = residuals.iter().map(|residual| residual.error_n_m.norm_squared()).sum::<f64>() / (2.0 * count);
     let mut error = SpatialErrorMap::new(&domain, &residuals, least_n2_m2);
     if data.real_sensor {

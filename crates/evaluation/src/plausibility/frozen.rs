@@ -1,0 +1,69 @@
+//! Readings that stay the same while a touched whisker moves, as of a sensor or a driver that has stopped.
+
+use nalgebra::Vector3;
+use trace::SpatialTrace;
+use whisker::frames::Point;
+
+use super::{Finding, Subject};
+use crate::glitches;
+
+/// Duration (s) and number of rows, way of the whisker's middle (m), and share of the largest moment from which equal readings are
+/// found.
+const DURATION_S: f64 = 0.2;
+const ROWS: usize = 10;
+const WAY_M: f64 = 2e-3;
+const LOADED: f64 = 0.05;
+
+/// A row: time (s), middle of the undeflected whisker in World (m), and the moments (N m).
+struct Row<const M: usize> {
+    t_s: f64,
+    middle_m: Vector3<f64>,
+    moments_n_m: [f64; M],
+}
+
+/// Compares the readings in the plane with those before.
+pub(super) fn readings(subject: &Subject<'_>) -> Vec<Finding> {
+    let half_m = 0.5 * subject.trace.sidecar.whisker.length_m;
+    let rows = subject.instants().iter().map(|now| {
+        let middle = now.base.apply(Point::new(half_m, 0.0));
+        Row { t_s: now.t_s, middle_m: Vector3::new(middle.x(), middle.y(), 0.0), moments_n_m: [now.moment_z_n_m] }
+    });
+    found("moment_z_n_m", rows, LOADED * subject.largest_n_m).into_iter().collect()
+}
+
+/// The same in space.
+pub(super) fn readings_in_space(trace: &SpatialTrace) -> Option<Finding> {
+    let half = Vector3::x() * (0.5 * trace.sidecar.whisker.length_m);
+    let instants = &trace.recording.instants;
+    let sizes: Vec<f64> = instants.iter().map(|now| now.moment_y_n_m.hypot(now.moment_z_n_m)).collect();
+    let rows = instants.iter().map(|now| Row {
+        t_s: now.t_s,
+        middle_m: now.base.position + now.base.rotation * half,
+        moments_n_m: [now.moment_y_n_m, now.moment_z_n_m],
+    });
+    found("moment_y_n_m, moment_z_n_m", rows, LOADED * glitches::largest(&sizes))
+}
+
+/// The first rows of equal moments that are longer than those of a whisker at work.
+fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>, least_n_m: f64) -> Option<Finding> {
+    let rows: Vec<Row<M>> = rows.collect();
+    let way_m =
+        |run: &[Row<M>]| -> f64 { run.windows(2).map(|pair| (pair[1].middle_m - pair[0].middle_m).norm()).sum() };
+    let is_frozen = |run: &&[Row<M>]| {
+        let duration_s = run[run.len() - 1].t_s - run[0].t_s;
+        let size_n_m = run[0].moments_n_m.iter().fold(0.0, |size: f64, moment_n_m| size.hypot(*moment_n_m));
+        duration_s >= DURATION_S && run.len() >= ROWS && way_m(run) >= WAY_M && size_n_m > least_n_m
+    };
+    let run = rows.chunk_by(|one, other| one.moments_n_m == other.moments_n_m).find(is_frozen)?;
+    let (first_s, last_s) = (run[0].t_s, run[run.len() - 1].t_s);
+    Some(Finding {
+        place,
+        found: format!(
+            "{} equal readings from {first_s:.3} s to {last_s:.3} s, while the whisker moves by {:.1} mm",
+            run.len(),
+            1e3 * way_m(run)
+        ),
+        expected: "readings of a touched whisker that change as it moves".into(),
+        looks_like: "the sensor or its driver stopped for this time; leave these rows out".into(),
+    })
+}
