@@ -80,15 +80,15 @@ IMPLAUSIBLE = {
     "diameter of an atom": ({"tip_diameter_m": 1e-10}, ["tip_diameter_m: expected 1e-06 to 0.1 m, found 1e-10"]),
     "a cone": (
         {"length_m": 0.05, "root_diameter_m": 0.06, "tip_diameter_m": 0.001},
-        ["tip_diameter_m: expected a radius that changes by less than 0.5 m per metre of length_m, found -0.59"],
+        ["tip_diameter_m: expected a radius that changes by less than 0.5 m per metre of length_m, found 0.59"],
     ),
     "a spiral": (
         {"curvature": [{"length_m": 0.08, "curvature_per_m": 50.0}]},
-        ["curvature: expected arcs that turn by at most pi, found 4 rad"],
+        ["curvature: expected arcs that turn by at most pi rad, found 4"],
     ),
     "an arc within the wire": (
         {"curvature": [{"length_m": 1e-4, "curvature_per_m": -9e3}, {"length_m": 0.0799, "curvature_per_m": 0.0}]},
-        ["curvature: expected arcs of a larger radius than the whisker's own, 0.000125 m, found the curvature -9000 per metre"],
+        ["curvature: expected less than 8000 per metre, the inverse of the whisker's radius, found 9000"],
     ),
 }
 

@@ -264,7 +264,7 @@ def _make_traces(
         if pictures[set_name(run)] > 1:
             raise InputError(
                 f"{run.path}: expected animations of different names, found '{set_name(run)}' {pictures[set_name(run)]} times; "
-                "give each suite another --animations DIR"
+                "draw each suite by a command of its own, with another --animations DIR"
             )
     sidecars = [target.with_name(f"{target.name}.json") for target, _ in targets]
     _check_apart(sidecars, [*options.files, *(run.path for _, run in items)])

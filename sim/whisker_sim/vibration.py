@@ -20,8 +20,8 @@ class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     acceleration_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=30.0)]
-    """At most three times that of gravity. No larger one leaves a sweep in contact, in whatever band between 5 and 400 Hz; from a
-    hundred on the integration is unstable."""
+    """At most about three times gravity. With larger ones a sweep loses contact in every band between 5 and 400 Hz; above about
+    100 m/s2 the integration is unstable."""
     low_hz: Positive = 5.0
     high_hz: Positive = 60.0
 

@@ -14,7 +14,7 @@ NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*\Z"
 WORD = r"^[a-z][a-z0-9_]*\Z"
 PATTERNS = {
     NAME: "letters, digits, '_' and '-', the first a letter or a digit",
-    WORD: "small letters, digits and '_', the first a letter",
+    WORD: "lower-case letters, digits and '_', the first a letter",
 }
 """Patterns of texts, in words."""
 Name = Annotated[str, msgspec.Meta(pattern=NAME, max_length=100)]
@@ -47,7 +47,7 @@ _PLAUSIBLE = {
 }
 """Smallest and largest values with their unit: from the softest gels to beyond diamond, and from aerogels to beyond osmium."""
 _STEEPEST = 0.5
-"""Bound of the slope of the radius, which is a sine: the flanks of a cone of 30 degrees."""
+"""Largest slope of the radius (m per metre): the sine of the half angle of a cone, 30 degrees."""
 
 
 class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -81,18 +81,18 @@ class Whisker(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if abs(self.radius_slope) >= _STEEPEST:
             raise ValueError(
                 f"whisker.tip_diameter_m: expected a radius that changes by less than {_STEEPEST:g} m per metre of length_m, "
-                f"found {self.radius_slope:.3g}"
+                f"found {abs(self.radius_slope):.3g}"
             )
         start_m = 0.0
         for arc in self.curvature:
             turn_rad = abs(arc.curvature_per_m) * arc.length_m
             if turn_rad > np.pi:
-                raise ValueError(f"whisker.curvature: expected arcs that turn by at most pi, found {turn_rad:.4g} rad")
+                raise ValueError(f"whisker.curvature: expected arcs that turn by at most pi rad, found {turn_rad:.4g}")
             thickest_m = float(np.max(self.radius_m((start_m, start_m + arc.length_m))))
             if abs(arc.curvature_per_m) * thickest_m >= 1.0:
                 raise ValueError(
-                    f"whisker.curvature: expected arcs of a larger radius than the whisker's own, {thickest_m:.3g} m, "
-                    f"found the curvature {arc.curvature_per_m:g} per metre"
+                    f"whisker.curvature: expected less than {1.0 / thickest_m:.4g} per metre, the inverse of the whisker's radius, "
+                    f"found {abs(arc.curvature_per_m):g}"
                 )
             start_m += arc.length_m
 

@@ -38,7 +38,7 @@ class CalibrationGrid(Motion, frozen=True, forbid_unknown_fields=True, tag="cali
         """Plans the pushes from the root to the tip."""
         if self.arc_max_m + self.tip_margin_m >= stage.whisker.length_m:
             raise ValueError(
-                f"motion.arc_max_m: expected less than the whisker's length less tip_margin_m = "
+                f"motion.arc_max_m: expected less than length_m - tip_margin_m = "
                 f"{stage.whisker.length_m - self.tip_margin_m}, found {self.arc_max_m}"
             )
         stratum = (np.arange(self.lines) + stage.rng.random(self.lines)) / self.lines

@@ -19,7 +19,7 @@ from whisker_sim.trace import Generator, format_csv, generator, sha256, sources_
 from whisker_sim.whisker import Whisker
 
 _SOURCES = ("physics/cases.py", "physics/frequencies.py", "physics/ringing.py", "rig/files.py", "rig/magnet.py", "rig/table.py")
-"""Modules that make the table and not traces, whose generator's hash leaves them out."""
+"""Modules on which only the table depends; the hash of the generator in traces leaves them out."""
 _NOT_AT_REST = ("vibration", "friction", "object_velocity_m_s", "object_stand", "object_stiffness_n_m")
 """Keys of a scene whose effects a table of readings at rest, under a rigid ruler without friction, does not have."""
 _BENT_N_M = 5e-3
@@ -104,7 +104,10 @@ def make_rig(scene: Scene, axes: Axes) -> tuple[Rig, bytes]:
     for key in _NOT_AT_REST:
         value = getattr(scene, key)
         if value is not None and value is not msgspec.UNSET:
-            raise InputError(f"{key}: expected none in the scene of a table at rest, found {msgspec.json.encode(value).decode()}")
+            found = msgspec.json.encode(value).decode()
+            raise InputError(
+                f"{key}: expected no such key, since the readings are those of a fixed, rigid edge at rest, found {found}"
+            )
     stage = scene.stage()
     contacts_m, pushes_m = axes.contact_m.values, axes.push_m.values
     rows = format_csv(grid(stage, contacts_m, pushes_m).columns(contacts_m, pushes_m), COLUMNS)

@@ -7,8 +7,8 @@ use whisker::frames::Point;
 use super::{Finding, Subject};
 use crate::glitches;
 
-/// Duration (s) and number of rows, way of the whisker's middle (m), and share of the largest moment from which equal readings are
-/// found.
+/// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings are
+/// a finding.
 const DURATION_S: f64 = 0.2;
 const ROWS: usize = 10;
 const WAY_M: f64 = 2e-3;
@@ -44,7 +44,7 @@ pub(super) fn readings_in_space(trace: &SpatialTrace) -> Option<Finding> {
     found("moment_y_n_m, moment_z_n_m", rows, LOADED * glitches::largest(&sizes))
 }
 
-/// The first rows of equal moments that are longer than those of a whisker at work.
+/// The first run of rows with equal moments that exceeds these limits.
 fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>, least_n_m: f64) -> Option<Finding> {
     let rows: Vec<Row<M>> = rows.collect();
     let way_m =

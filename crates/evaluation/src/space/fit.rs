@@ -5,7 +5,7 @@ use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::write_json;
+use files::{Watermark, write_json};
 use indicatif::ProgressBar;
 use nalgebra::Vector2;
 use serde_json::Value;
@@ -14,10 +14,13 @@ use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialN
 use testbed::settings::merged;
 use testbed::space::{largest_reading_n_m, to_base};
 use trace::{
-    BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialTrace, data_sha256,
+    BendingSensor, FittedData, Role, SPATIAL_FORMAT, SpatialCalibrationFile, SpatialRecorded, SpatialSensor,
+    SpatialTrace, data_sha256,
 };
 use whisker::space::frames::Point;
-use whisker::space::sensor::{self, Across, SPATIAL_MODELS, Screening, SpatialFitData, SpatialModelRow, SpatialSample};
+use whisker::space::sensor::{
+    self, Across, SPATIAL_MODELS, Screening, SpatialFitData, SpatialModelRow, SpatialSample, SpatialWhisker,
+};
 
 use crate::fit::{Models, are_recordings, check_replaces_calibration, determined, rms_noise_n_m};
 use crate::provenance::calibration_watermark;
@@ -111,6 +114,32 @@ struct Subject {
     traces: Vec<SpatialTrace>,
 }
 
+impl Subject {
+    /// The whisker of all traces.
+    ///
+    /// # Errors
+    /// If two traces of the name have other parameters.
+    fn whisker(&self) -> anyhow::Result<SpatialWhisker> {
+        let first = &self.traces[0].sidecar;
+        let whisker = first.spatial_whisker();
+        let Some(other) = self.traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) else {
+            return Ok(whisker);
+        };
+        let reference = format!("those of {}, whose whisker has the same name", first.name);
+        let different = other.sidecar.whisker.difference(&first.whisker);
+        let reason = different.map_or_else(
+            || format!("suspension, poisson_ratio: found other values than {reference}"),
+            |difference| format!("whisker.{difference}; the parameters must be {reference}"),
+        );
+        bail!("{}: {reason}", other.sidecar.name);
+    }
+
+    /// Root mean square, over the traces, of the standard deviations of their noise (N m).
+    fn noise_sd_n_m(&self) -> f64 {
+        rms_noise_n_m(self.traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m()))
+    }
+}
+
 /// Fit of a whisker: front end and settings, which are the same for all whiskers of a dataset.
 struct WhiskerFit<'a> {
     front_end: &'a SpatialFrontEnd,
@@ -122,60 +151,32 @@ struct WhiskerFit<'a> {
 
 impl WhiskerFit<'_> {
     /// Fits the whisker of some traces, unless an up-to-date calibration is there.
-    fn run(&self, Subject { candidates, traces }: &Subject) -> anyhow::Result<SpatialFitted> {
+    fn run(&self, subject: &Subject) -> anyhow::Result<SpatialFitted> {
         let Self { front_end, settings, out, progress } = *self;
-        let first = &traces[0].sidecar;
-        let whisker = first.spatial_whisker();
-        if let Some(other) = traces.iter().find(|trace| trace.sidecar.spatial_whisker() != whisker) {
-            let reference = format!("those of {}, whose whisker has the same name", first.name);
-            let different = other.sidecar.whisker.difference(&first.whisker);
-            let reason = different.map_or_else(
-                || format!("suspension, poisson_ratio: found other values than {reference}"),
-                |difference| format!("whisker.{difference}; the parameters must be {reference}"),
-            );
-            bail!("{}: {reason}", other.sidecar.name);
-        }
+        let Subject { candidates, traces } = subject;
+        let whisker = subject.whisker()?;
         let data_sha256 = data_sha256(traces.iter().map(|trace| trace.sidecar.data_sha256()));
-        let mut inputs = vec![data_sha256.clone(), settings.noise.to_string(), settings.seed.to_string()];
-        inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
-        inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
-        let watermark = calibration_watermark(inputs.iter().map(String::as_str));
+        let watermark = self.watermark(candidates, &data_sha256)?;
         let path = out.join(format!("{}.json", whisker.whisker.name));
         check_replaces_calibration(&path, SPATIAL_FORMAT)?;
-        let is_same = |known: &SpatialCalibrationFile| {
-            known.watermark.inputs_sha256 == watermark.inputs_sha256 && known.calibrated(&path, None).is_ok()
-        };
-        if let Some(calibration) = SpatialCalibrationFile::read(&path).ok().filter(is_same) {
+        if let Some(calibration) = up_to_date(&path, &watermark) {
             progress.inc(candidates.len() as u64);
             return Ok(SpatialFitted { calibration, path, is_new: false, left_out: Vec::new(), no_sensor: None });
         }
         let place = || format!("whisker `{}`", whisker.whisker.name);
-        for trace in traces {
-            front_end.check_trace(&trace.sidecar)?;
-        }
         let is_recorded =
             are_recordings(traces.iter().map(|trace| (&*trace.sidecar.name, trace.sidecar.recorded.is_some())))?;
         // The readings of a recording already contain noise.
         let noise_fraction = if is_recorded { 0.0 } else { settings.noise };
-        let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
-        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
-        let recordings: Vec<SpatialInput<'_>> =
-            traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
-        let sensor = front_end.calibrate(&recordings).with_context(place)?;
-        let mut lines: Vec<Vec<SpatialSample>> = Vec::new();
-        for trace in traces {
-            let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
-            lines.extend(self::lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
-        }
+        let (sensor, mut lines) = self.read(traces, noise_fraction, place)?;
         let screening = is_recorded.then(|| sensor::screen(&whisker.whisker, &mut lines));
         if let Some(screening) = &screening {
             check_fitted(screening, &lines).with_context(place)?;
         }
-        let reference_noise_sd_n_m = rms_noise_n_m(traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m()));
         let data = SpatialFitData {
             whisker: &whisker,
             lines: &lines,
-            reference_noise_sd_n_m,
+            reference_noise_sd_n_m: subject.noise_sd_n_m(),
             across: screening.map_or(Across::Normal, |screening| screening.across),
             real_sensor: is_recorded,
         };
@@ -191,7 +192,7 @@ impl WhiskerFit<'_> {
         };
         let calibration = SpatialCalibrationFile::new(&fits, data, watermark).expect("there is a fit");
         let front_end = front_end.describe(sensor.into_iter().collect());
-        let (sensor, no_sensor) = match is_recorded.then(|| recorded_sensor(traces)).transpose() {
+        let (sensor, no_sensor) = match is_recorded.then(|| recorded_sensor(subject)).transpose() {
             Ok(sensor) => (sensor, None),
             Err(reason) => (None, Some(format!("{}: {reason}", place()))),
         };
@@ -201,14 +202,56 @@ impl WhiskerFit<'_> {
         let left_out = contacts.into_iter().chain(left_out).map(|reason| format!("{}: {reason}", place())).collect();
         Ok(SpatialFitted { calibration, path, is_new: true, left_out, no_sensor })
     }
+
+    /// Watermark of the calibration from everything that determines it.
+    fn watermark(&self, candidates: &[Candidate], data_sha256: &str) -> anyhow::Result<Watermark> {
+        let Self { front_end, settings, .. } = self;
+        let mut inputs = vec![data_sha256.to_owned(), settings.noise.to_string(), settings.seed.to_string()];
+        inputs.push(serde_json::to_string(&front_end.describe(Vec::new()))?);
+        inputs.extend(candidates.iter().map(|candidate| format!("{} {}", candidate.row.kind, candidate.config)));
+        Ok(calibration_watermark(inputs.iter().map(String::as_str)))
+    }
+
+    /// Calibrates the sensor and reads the lines of contacts of all traces through it. Noise is relative to the largest reading; `place`
+    /// names the whisker in errors.
+    fn read(
+        &self,
+        traces: &[SpatialTrace],
+        noise_fraction: f64,
+        place: impl Fn() -> String,
+    ) -> anyhow::Result<(Option<SpatialSensor>, Vec<Vec<SpatialSample>>)> {
+        let Self { front_end, settings, .. } = self;
+        for trace in traces {
+            front_end.check_trace(&trace.sidecar)?;
+        }
+        let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
+        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
+        let inputs: Vec<SpatialInput<'_>> =
+            traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
+        let sensor = front_end.calibrate(&inputs).with_context(place)?;
+        let mut all = Vec::new();
+        for trace in traces {
+            let readings_n_m = front_end.bending_n_m(trace, noise_sd_n_m, settings.seed, sensor.as_ref())?;
+            all.extend(lines(trace, readings_n_m.into_iter().zip(front_end.exact_n_m(trace))));
+        }
+        Ok((sensor, all))
+    }
+}
+
+/// The calibration in a file, if it has this watermark and its sensor model can be loaded.
+fn up_to_date(path: &Path, watermark: &Watermark) -> Option<SpatialCalibrationFile> {
+    SpatialCalibrationFile::read(path).ok().filter(|known| {
+        known.watermark.inputs_sha256 == watermark.inputs_sha256 && known.calibrated(path, None).is_ok()
+    })
 }
 
 /// The sensor of recordings, with the root mean square of their noise.
 ///
 /// # Errors
 /// If the recordings do not state one and the same response. Their moments can be fitted all the same.
-fn recorded_sensor(traces: &[SpatialTrace]) -> Result<BendingSensor, String> {
-    let mut stated = traces.iter().filter_map(|trace| Some((&trace.sidecar.name, trace.sidecar.recorded.as_ref()?)));
+fn recorded_sensor(subject: &Subject) -> Result<BendingSensor, String> {
+    let traces = subject.traces.iter();
+    let mut stated = traces.filter_map(|trace| Some((&trace.sidecar.name, trace.sidecar.recorded.as_ref()?)));
     let (first, SpatialRecorded { counts_per_n_m, .. }) = stated.next().ok_or("found no recording")?;
     if let Some((name, other)) = stated.find(|(_, other)| other.counts_per_n_m != *counts_per_n_m) {
         return Err(format!(
@@ -216,10 +259,7 @@ fn recorded_sensor(traces: &[SpatialTrace]) -> Result<BendingSensor, String> {
             other.counts_per_n_m.counts_per_n_m, counts_per_n_m.counts_per_n_m
         ));
     }
-    Ok(BendingSensor {
-        counts_per_n_m: *counts_per_n_m,
-        noise_sd_n_m: rms_noise_n_m(traces.iter().map(|trace| trace.sidecar.own_noise_sd_n_m())),
-    })
+    Ok(BendingSensor { counts_per_n_m: *counts_per_n_m, noise_sd_n_m: subject.noise_sd_n_m() })
 }
 
 /// Checks that the screening left at least half of the contacts. `lines` are the remaining lines.

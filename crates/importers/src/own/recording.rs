@@ -17,7 +17,7 @@ use crate::MOST_COUNTS;
 /// Smallest difference of a single position from its neighbours that may be a glitch. It may also be a fast motion.
 const GLITCH_M: f64 = 0.01;
 
-/// Interval between samples, in those of the nominal rate, above which its length is stated.
+/// Length of an interpolated interval, in those of the nominal rate, above which a note states it.
 const STATED_INTERVALS: f64 = 5.0;
 
 /// A column to be read.

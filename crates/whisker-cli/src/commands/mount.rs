@@ -11,7 +11,7 @@ use super::output::reserve;
 use super::played::check_trace;
 use super::{print, table};
 
-/// Size of a deviation, in standard deviations, and of a residual, in errors of the sensor model, above which it is noted.
+/// Deviation in its standard deviations, and residual in held-out errors of the sensor model, above which a note is printed.
 const UNEXPECTED: f64 = 2.0;
 
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
@@ -76,8 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     {
         if after_n_m > UNEXPECTED * heldout_rms_n_m {
             eprintln!(
-                "{trace}: the residual after the correction is {:.1} times the error of the sensor model; its known place may be wrong, \
-                and the deviations less certain than stated",
+                "{trace}: the residual after the correction is {:.1} times the held-out error of the sensor model: the known place of \
+                this touch may be wrong, and the mounting less certain than stated",
                 after_n_m / heldout_rms_n_m
             );
         }

@@ -28,7 +28,8 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
         Some(python) => {
             if !from_sources && !has_package(&python) {
                 bail!(
-                    "WHISKER_PYTHON: found {}, which has no package whisker_sim: run `{} -m pip install ./sim` in the repository",
+                    "WHISKER_PYTHON: found {}, expected an interpreter with the package whisker_sim; run `{} -m pip install ./sim` in \
+                     the root of a checkout",
                     python.display(),
                     python.display()
                 );

@@ -182,8 +182,8 @@ impl Tally {
 pub(super) fn few_estimates(touching: u64, estimates: u64, calibration: &str) -> Option<String> {
     (2 * estimates < touching).then(|| {
         format!(
-            "few estimates: {estimates} for {touching} rows in contact; the other contacts lie outside those of {calibration}, at the \
-             tip, or contradict it"
+            "few estimates: {estimates} for {touching} rows in contact; the other contacts lie at the tip or outside the calibrated \
+             domain of {calibration}, or their readings contradict it"
         )
     })
 }

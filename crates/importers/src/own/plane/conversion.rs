@@ -73,11 +73,11 @@ impl Conversion {
             let advice = if 2 * pairs.len() < *contacts {
                 "compare units, `base`, `contact` and `face` of the mapping"
             } else {
-                "compare `contact`, `base`, `face`, `whisker`, `rest_s` and `touch` of the mapping with the recordings, look for \
-                readings that are saturated or late"
+                "compare `contact`, `base`, `face`, `whisker`, `rest_s` and `touch` of the mapping with the recordings and \
+                look for saturated or delayed readings"
             };
             let expected = format!(
-                "contacts that determine a monotone characteristic of degree {degree}; {advice}, or state a smaller `degree` or the \
+                "contacts that determine a monotone characteristic of degree {degree}; {advice}; otherwise state a smaller `degree` or the \
                 characteristic"
             );
             missing(found, expected)

@@ -169,7 +169,7 @@ impl Sink {
     }
 }
 
-/// Counts that let readings, poses or settings look wrong.
+/// Remarks on numbers of messages that suggest wrong readings, poses or settings.
 fn remarks(counters: &Counters) -> Vec<String> {
     let Counters { matched, touching, estimates, gated, missing, .. } = *counters;
     let mut remarks = Vec::new();
@@ -185,7 +185,7 @@ fn remarks(counters: &Counters) -> Vec<String> {
     }
     if missing > matched {
         remarks.push(format!(
-            "{missing} readings are missing, more than the {matched} that arrived; compare rate_hz with the times of the readings"
+            "{missing} readings are missing, more than the {matched} with a pose; compare rate_hz with the times of the readings"
         ));
     }
     remarks
