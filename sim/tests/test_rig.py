@@ -230,7 +230,8 @@ def test_robust_effects_that_a_table_at_rest_does_not_have(tmp_path, capsys, key
     line = scene.read_text().splitlines().index(next(line for line in scene.read_text().splitlines() if f'"{key}"' in line)) + 1
     assert main(["--scene", str(scene), "--out", str(out)]) == 2
     found = json.dumps(value, separators=(",", ":"))
-    expected = f"error: {scene}:{line}:3: {key}: expected no such key, since the readings are those of a fixed, rigid edge at rest, found {found}\n"
+    reason = "since the readings are those of a fixed, rigid edge at rest"
+    expected = f"error: {scene}:{line}:3: {key}: expected no such key, {reason}, found {found}\n"
     assert capsys.readouterr().err == expected
     assert not out.exists()
 

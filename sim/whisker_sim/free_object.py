@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from whisker_sim.shapes import AnyShape
-from whisker_sim.whisker import WORD, Length, Positive
+from whisker_sim.whisker import WORD, Dimension, Positive
 
 TableFriction = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """Coefficient of Coulomb friction between an object and the table."""
@@ -24,7 +24,7 @@ class FreeObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: Annotated[str, msgspec.Meta(pattern=WORD, max_length=40)]
     object: AnyShape
     mass_kg: Positive
-    height_m: Length
+    height_m: Dimension
     friction: TableFriction = 0.5
 
     def __post_init__(self) -> None:

@@ -1,5 +1,6 @@
 """Products of a run, a trace or a recording of several whiskers, and the jobs that make them. One row per kind of scene."""
 
+import traceback
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -193,5 +194,6 @@ def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
     except WhiskerSimError as error:
         return Outcome(FAILED, f"error: {run.path}: {run.name}: {error}")
     except (ArithmeticError, MemoryError, ValueError, np.linalg.LinAlgError) as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
         found = WhiskerSimError(" ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":"))
-        return Outcome(FAILED, f"error: {run.path}: {run.name}: unexpected {found}")
+        return Outcome(FAILED, f"error: {run.path}: {run.name}: unexpected {found} ({Path(place.filename).name}:{place.lineno})")

@@ -42,10 +42,10 @@ class Arc(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 _PLAUSIBLE = {
     "root_diameter_m": (1e-6, 0.1, "m"),
     "tip_diameter_m": (1e-6, 0.1, "m"),
-    "youngs_modulus_pa": (1e5, 1e13, "Pa"),
+    "youngs_modulus_pa": (1e3, 1e13, "Pa"),
     "density_kg_m3": (1.0, 3e4, "kg/m3"),
 }
-"""Smallest and largest values with their unit: from the softest gels to beyond diamond, and from aerogels to beyond osmium."""
+"""Smallest and largest values with their unit: from soft gels to beyond diamond, and from aerogels to beyond osmium."""
 _STEEPEST = 0.5
 """Largest slope of the radius (m per metre): the sine of the half angle of a cone, 30 degrees."""
 

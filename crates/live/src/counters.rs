@@ -13,6 +13,8 @@ pub struct Counters {
     pub matched: u64,
     /// Those of them at which the whisker touches.
     pub touching: u64,
+    /// Those of these without an estimate.
+    pub unanswered: u64,
     /// Estimates of a contact.
     pub estimates: u64,
     /// Readings that the nominal rate leads to expect and that did not arrive in time.
@@ -29,7 +31,7 @@ pub struct Counters {
     pub stale_intervals: u64,
     /// Readings whose pose lies outside the plane.
     pub off_plane: u64,
-    /// Readings whose base moves faster than any robot.
+    /// Intervals of 20 ms or more in which the base moves implausibly fast.
     pub fast: u64,
     /// Readings beyond the largest plausible one.
     pub gated: u64,
@@ -42,14 +44,14 @@ pub struct Counters {
 impl Counters {
     /// Names and values.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
-        let Self { readings, poses, matched, touching, estimates, missing, overtaken, late, repeated, stale, .. } =
-            *self;
-        let Self { stale_intervals, off_plane, fast, gated, not_finite, jumps, .. } = *self;
+        let Self { readings, poses, matched, touching, unanswered, estimates, missing, overtaken, late, .. } = *self;
+        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, .. } = *self;
         [
             ("readings", readings),
             ("poses", poses),
             ("matched", matched),
             ("touching", touching),
+            ("unanswered", unanswered),
             ("estimates", estimates),
             ("missing", missing),
             ("overtaken", overtaken),
@@ -67,6 +69,33 @@ impl Counters {
     }
 }
 
+/// Number of readings in contact below which their estimates are not judged: an estimator may wait at the beginning of a touch.
+const FEW: u64 = 50;
+
+impl Counters {
+    /// Remarks on numbers that suggest wrong readings, poses or settings.
+    pub fn remarks(&self) -> Vec<String> {
+        let Self { readings, matched, touching, unanswered, gated, missing, .. } = *self;
+        let mut remarks = Vec::new();
+        if 2 * gated > matched {
+            remarks.push(format!(
+                "{gated} of {matched} readings are gated, beyond the largest plausible one; compare the unit of the readings"
+            ));
+        } else if touching >= FEW && 2 * unanswered > touching {
+            remarks.push(format!(
+                "{unanswered} of {touching} readings in contact have no estimate: they contradict the calibration, or their contacts \
+                 lie outside it; compare units, signs and frames of readings and poses, and the calibrated faces"
+            ));
+        }
+        if 2 * missing > readings {
+            remarks.push(format!(
+                "{missing} readings are missing, {readings} arrived; compare rate_hz with the times of the readings"
+            ));
+        }
+        remarks
+    }
+}
+
 impl fmt::Display for Counters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { readings, poses, matched, touching, estimates, .. } = self;
@@ -81,11 +110,39 @@ impl fmt::Display for Counters {
             (self.repeated, "repeated"),
             (self.stale, "without a pose in time"),
             (self.off_plane, "with a pose off the plane"),
-            (self.fast, "with an implausibly fast base"),
+            (self.fast, "intervals with an implausibly fast base"),
             (self.gated, "gated"),
             (self.not_finite, "not finite"),
             (self.jumps, "jumps of a clock"),
         ];
         rest.into_iter().filter(|(count, _)| *count > 0).try_for_each(|(count, of)| write!(f, ", {count} {of}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_numbers_that_suggest_wrong_inputs_are_remarked() {
+        let good = Counters {
+            readings: 500,
+            matched: 490,
+            touching: 200,
+            unanswered: 90,
+            missing: 20,
+            gated: 3,
+            ..Default::default()
+        };
+        assert_eq!(good.remarks(), [""; 0]);
+        for (counters, words) in [
+            (Counters { gated: 300, unanswered: 200, ..good }, "300 of 490 readings are gated"),
+            (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
+            (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
+        ] {
+            let remarks = counters.remarks();
+            assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");
+        }
+        assert_eq!(Counters { touching: 40, unanswered: 40, ..good }.remarks(), [""; 0], "a short touch");
     }
 }

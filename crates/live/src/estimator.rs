@@ -11,11 +11,16 @@ use whisker::space;
 use crate::clock::Jump;
 use crate::counters::Counters;
 use crate::event::{Event, MOST_RATE_RAD_S, MOST_SPEED_M_S, Stream};
-use crate::kind::{Kind, Planar, Spatial};
+use crate::kind::{Kind, Planar, Spatial, Way};
 use crate::matching::{Admitted, Arrived, Matching};
 use crate::motion::{Motion, Place};
 use crate::poses::{Poses, SpatialPoses};
 use crate::timing::Timing;
+
+/// Shortest interval in which the speed of the base is tested (s), and number of intervals with an implausible one that are an event: a
+/// single wrong pose ends two.
+const INTERVAL_S: f64 = 0.02;
+const FAST_INTERVALS: u64 = 3;
 
 /// Builds the estimator at the start and after a jump of a clock.
 pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
@@ -118,16 +123,16 @@ pub struct LiveEstimator<M = Poses, K: Kind = Planar> {
     matching: Matching<M, K::Reading>,
     /// Pose of the base at the first sample of the estimator.
     start: Option<K::Base>,
-    /// Answers that may be revised, and the estimates of those with a pose.
-    held: Vec<AnswerOf<K>>,
+    /// Answers that may be revised, each with whether the whisker touched, and the estimates of those with a pose.
+    held: Vec<(AnswerOf<K>, bool)>,
     estimates: Vec<Option<K::Estimate>>,
     counters: Counters,
     /// Status of the last reading, if it had no pose.
     blocked: Option<Status>,
-    /// Time and pose of the last reading with a pose.
-    last: Option<(f64, K::Base)>,
-    /// Whether the base has moved faster than any robot.
-    was_fast: bool,
+    /// Time and pose at which the interval began whose speed is tested next.
+    interval: Option<(f64, K::Base)>,
+    /// Number of intervals since the start in which the base moved implausibly fast.
+    fast: u64,
 }
 
 impl LiveEstimator {
@@ -212,8 +217,8 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
             estimates: Vec::new(),
             counters: Counters::default(),
             blocked: None,
-            last: None,
-            was_fast: false,
+            interval: None,
+            fast: 0,
         })
     }
 
@@ -334,21 +339,30 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         let is_gated = !self.estimator.admits(&reading_n_m);
         self.counters.gated += u64::from(is_gated);
         self.estimator.push(t_s, &base, reading_n_m, &mut self.estimates);
-        self.counters.touching += u64::from(self.estimator.touches());
+        let touches = self.estimator.touches();
+        self.counters.touching += u64::from(touches);
         let status = if is_gated { Status::Gated } else { Status::Used };
-        self.held.push(Answer { base: Some(base), ..answer(arrived, status) });
+        self.held.push((Answer { base: Some(base), ..answer(arrived, status) }, touches));
         self.release_unless_held(out);
     }
 
-    /// Compares the motion of the base since the last reading with that of any robot: poses in another unit are faster.
+    /// Compares the motion of the base with that of a robot: poses in another unit are faster. Over shorter intervals, errors of poses
+    /// and stamps would count.
     fn check_speed(&mut self, t_s: f64, base: &K::Base, out: &mut OutputOf<K>) {
-        let Some((last_s, last)) = self.last.replace((t_s, *base)) else { return };
-        let [speed_m_s, rate_rad_s] = <[f64; 2]>::from(K::way(&last, base)).map(|way| way / (t_s - last_s));
+        let &mut (first_s, first) = self.interval.get_or_insert((t_s, *base));
+        let duration_s = t_s - first_s;
+        if duration_s < INTERVAL_S {
+            return;
+        }
+        self.interval = Some((t_s, *base));
+        let Way { distance_m, angle_rad } = K::way(&first, base);
+        let (speed_m_s, rate_rad_s) = (distance_m / duration_s, angle_rad / duration_s);
         if speed_m_s <= MOST_SPEED_M_S && rate_rad_s <= MOST_RATE_RAD_S {
             return;
         }
         self.counters.fast += 1;
-        if !std::mem::replace(&mut self.was_fast, true) {
+        self.fast += 1;
+        if self.fast == FAST_INTERVALS {
             out.events.push(Event::Fast { t_s, speed_m_s, rate_rad_s });
         }
     }
@@ -358,7 +372,7 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         if self.blocked.replace(status) != Some(status) {
             out.events.push(event);
         }
-        self.held.push(answer(arrived, status));
+        self.held.push((answer(arrived, status), false));
         self.release_unless_held(out);
     }
 
@@ -370,10 +384,11 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
 
     fn release(&mut self, out: &mut OutputOf<K>) {
         let mut estimates = self.estimates.drain(..);
-        for answer in self.held.drain(..) {
+        for (answer, touches) in self.held.drain(..) {
             // The estimator was given those with a pose.
             let estimate = answer.base.and_then(|_| estimates.next().flatten());
             self.counters.estimates += u64::from(estimate.is_some());
+            self.counters.unanswered += u64::from(touches && estimate.is_none());
             out.answers.push(Answer { estimate, ..answer });
         }
     }
@@ -389,7 +404,7 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         self.estimator = (self.build)()?;
         self.start = None;
         self.blocked = None;
-        (self.last, self.was_fast) = (None, false);
+        (self.interval, self.fast) = (None, 0);
         Ok(())
     }
 }

@@ -5,8 +5,10 @@ use std::fmt;
 use crate::clock::Jump;
 use crate::motion::Deviation;
 
-/// Largest plausible speed and rate of rotation of a base.
+/// Largest plausible speed of a base (m/s).
 pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
+
+/// Largest plausible rate of rotation of a base (rad/s).
 pub(crate) const MOST_RATE_RAD_S: f64 = 100.0;
 
 /// Kind of messages.
@@ -49,11 +51,11 @@ pub enum Event {
         /// Time of the first reading with a pose.
         t_s: f64,
     },
-    /// The base moves faster than any robot, for the first time since the start of the estimator.
+    /// The base moves implausibly fast, for the third time since the start of the estimator: single poses may be wrong.
     Fast {
         /// Time of the reading.
         t_s: f64,
-        /// Mean speed of the base since the reading before.
+        /// Mean speed of the base in the last 20 ms or more.
         speed_m_s: f64,
         /// Mean rate of its rotation.
         rate_rad_s: f64,

@@ -46,8 +46,17 @@ pub trait Kind: Send {
     /// Whether the whisker touched at the last instant.
     fn touches(&self) -> bool;
 
-    /// Distance (m) and angle (rad) between two poses of the base.
-    fn way(from: &Self::Base, to: &Self::Base) -> (f64, f64);
+    /// Way between two poses of the base.
+    fn way(from: &Self::Base, to: &Self::Base) -> Way;
+}
+
+/// Way between two poses of a base.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    /// Distance of the origins.
+    pub distance_m: f64,
+    /// Smallest angle of a rotation from one to the other.
+    pub angle_rad: f64,
 }
 
 /// Estimator in the plane, whose reading is the bending moment at the root (N m).
@@ -106,9 +115,10 @@ impl Kind for Planar {
         self.estimator.signals().touched.is_some()
     }
 
-    fn way(from: &Pose<Base, World>, to: &Pose<Base, World>) -> (f64, f64) {
+    fn way(from: &Pose<Base, World>, to: &Pose<Base, World>) -> Way {
         let turn_rad = to.yaw_rad() - from.yaw_rad();
-        (from.origin().distance(&to.origin()), (turn_rad - TAU * (turn_rad / TAU).round()).abs())
+        let angle_rad = (turn_rad - TAU * (turn_rad / TAU).round()).abs();
+        Way { distance_m: from.origin().distance(&to.origin()), angle_rad }
     }
 }
 
@@ -161,7 +171,8 @@ impl Kind for Spatial {
         self.estimator.touches()
     }
 
-    fn way(from: &SpatialPose, to: &SpatialPose) -> (f64, f64) {
-        ((to.position - from.position).norm(), from.rotation.angle_to(&to.rotation))
+    fn way(from: &SpatialPose, to: &SpatialPose) -> Way {
+        let distance_m = (to.position - from.position).norm();
+        Way { distance_m, angle_rad: from.rotation.angle_to(&to.rotation) }
     }
 }

@@ -102,7 +102,7 @@ pub use estimator::{
     Answer, AnswerOf, Build, LiveEstimator, Output, OutputOf, SpatialAnswer, SpatialBuild, SpatialOutput, Status,
 };
 pub use event::{Event, Stream};
-pub use kind::{Kind, Planar, Spatial};
+pub use kind::{Kind, Planar, Spatial, Way};
 pub use motion::{Deviation, Motion, Place};
 pub use play::{Content, Message, SpatialMessage, messages, messages_in_space, play};
 pub use poses::{Posed, Poses, SpatialPoses};

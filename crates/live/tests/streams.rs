@@ -347,7 +347,6 @@ fn robust_timing_out_of_range_is_refused() {
 #[test]
 fn robust_poses_in_another_unit_are_noted_once_and_counted() {
     let sweep = Sweep::new(1);
-    // The time of the base's fastest motion is the same in every unit.
     let changed = |change: fn(Pose<whisker::frames::Base, whisker::frames::World>) -> Pose<_, _>| {
         let mut messages = sweep.messages(&QUIET, 1);
         for message in &mut messages {
@@ -360,5 +359,5 @@ fn robust_poses_in_another_unit_are_noted_once_and_counted() {
     };
     assert_eq!(changed(|pose| pose), (0, 0));
     let (events, fast) = changed(|pose| Pose::new(1e3 * pose.origin().x(), 1e3 * pose.origin().y(), pose.yaw_rad()));
-    assert!(events == 1 && fast > 100, "{events} {fast}");
+    assert!(events == 1 && fast > 20, "{events} {fast}");
 }

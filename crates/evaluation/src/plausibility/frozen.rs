@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use trace::SpatialTrace;
 use whisker::frames::Point;
 
-use super::{Finding, Subject};
+use super::{Finding, Subject, median};
 use crate::glitches;
 
 /// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings are
@@ -13,6 +13,10 @@ const DURATION_S: f64 = 0.2;
 const ROWS: usize = 10;
 const WAY_M: f64 = 2e-3;
 const LOADED: f64 = 0.05;
+
+/// Largest median change from row to row, relative to the smallest moment of a finding, at which equal readings are one: those of a
+/// coarse sensor may be equal for long.
+const FINE: f64 = 0.4;
 
 /// A row: time (s), middle of the undeflected whisker in World (m), and the moments (N m).
 struct Row<const M: usize> {
@@ -47,8 +51,11 @@ pub(super) fn readings_in_space(trace: &SpatialTrace) -> Option<Finding> {
 /// The first run of rows with equal moments that exceeds these limits.
 fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>, least_n_m: f64) -> Option<Finding> {
     let rows: Vec<Row<M>> = rows.collect();
-    let way_m =
-        |run: &[Row<M>]| -> f64 { run.windows(2).map(|pair| (pair[1].middle_m - pair[0].middle_m).norm()).sum() };
+    if step_n_m(&rows).is_none_or(|step_n_m| step_n_m > FINE * least_n_m) {
+        return None;
+    }
+    // Not the length of the path, to which errors of the poses add.
+    let way_m = |run: &[Row<M>]| run.iter().map(|row| (row.middle_m - run[0].middle_m).norm()).fold(0.0, f64::max);
     let is_frozen = |run: &&[Row<M>]| {
         let duration_s = run[run.len() - 1].t_s - run[0].t_s;
         let size_n_m = run[0].moments_n_m.iter().fold(0.0, |size: f64, moment_n_m| size.hypot(*moment_n_m));
@@ -64,6 +71,17 @@ fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>
             1e3 * way_m(run)
         ),
         expected: "readings of a touched whisker that change as it moves".into(),
-        looks_like: "the sensor or its driver stopped for this time; leave these rows out".into(),
+        looks_like:
+            "the sensor or its driver stopped for this time, or its readings are saturated; leave these rows out".into(),
     })
+}
+
+/// Median size of the changes from row to row, which for a coarse sensor is its resolution. `None` if there are none.
+fn step_n_m<const M: usize>(rows: &[Row<M>]) -> Option<f64> {
+    let change = |pair: &[Row<M>]| {
+        let changes = pair[0].moments_n_m.iter().zip(&pair[1].moments_n_m).map(|(one, other)| other - one);
+        changes.fold(0.0, |size: f64, change| size.hypot(change))
+    };
+    let mut changes: Vec<f64> = rows.windows(2).map(change).filter(|change| *change > 0.0).collect();
+    median(&mut changes)
 }

@@ -26,8 +26,8 @@ pub struct Mounted {
     pub trace_of_touch: Vec<String>,
     /// Largest reading of the calibration (N m).
     pub largest_reading_n_m: f64,
-    /// Root mean square error of the sensor model on held-out lines of the calibration (N m).
-    pub heldout_rms_n_m: f64,
+    /// Expected size of a residual (N m): that of the errors of the sensor model on held-out lines and of the noise of the traces.
+    pub expected_residual_n_m: f64,
     /// Traces of the earlier mounting that was replaced. Empty if the calibration had none.
     pub replaced: Vec<String>,
 }
@@ -96,7 +96,8 @@ pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Resu
     let replaced = file.mounting.map(|before| before.traces).unwrap_or_default();
     write_json(out, &SpatialCalibrationFile { mounting: Some(mounting), ..file })?;
     let CalibratedSpace { largest_reading_n_m, heldout_rms_n_m, .. } = *calibrated;
-    Ok(Mounted { learnt, trace_of_touch, largest_reading_n_m, heldout_rms_n_m, replaced })
+    let expected_residual_n_m = heldout_rms_n_m.hypot(largest_sd_n_m);
+    Ok(Mounted { learnt, trace_of_touch, largest_reading_n_m, expected_residual_n_m, replaced })
 }
 
 /// Refuses touches of which one agrees in no contact, or contradicts the mounting by the others.

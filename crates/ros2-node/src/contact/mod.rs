@@ -221,6 +221,9 @@ impl Session {
         for shared in &self.whiskers {
             let whisker = locked(&shared.whisker);
             eprintln!("{}: {}", whisker.name(), whisker.counters());
+            for remark in whisker.counters().remarks() {
+                eprintln!("{}: note: {remark}", whisker.name());
+            }
             let latency = locked(&shared.latency);
             if latency.count() > 0 {
                 eprintln!(
@@ -246,7 +249,7 @@ fn kind_of(event: &Event) -> (&'static str, bool) {
         Event::Stale { .. } => ("stale poses", false),
         Event::Recovered { .. } => ("poses again", false),
         Event::OffPlane { .. } => ("poses off the plane", true),
-        Event::Fast { .. } => ("implausibly fast poses", true),
+        Event::Fast { .. } => ("implausibly fast poses", false),
         Event::Jumped { .. } => ("jumps of a clock", true),
         Event::NotFinite { .. } => ("values that are not finite", true),
     }

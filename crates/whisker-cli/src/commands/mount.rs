@@ -11,7 +11,7 @@ use super::output::reserve;
 use super::played::check_trace;
 use super::{print, table};
 
-/// Deviation in its standard deviations, and residual in held-out errors of the sensor model, above which a note is printed.
+/// Deviation in its standard deviations, and residual in expected ones, above which a note is printed.
 const UNEXPECTED: f64 = 2.0;
 
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
@@ -39,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     traces.iter().try_for_each(|trace| check_trace(trace))?;
     let inputs: Vec<PathBuf> = traces.iter().chain([calibration]).cloned().collect();
     let _lock = reserve(out, &inputs)?;
-    let Mounted { learnt, trace_of_touch, largest_reading_n_m, heldout_rms_n_m, replaced } =
+    let Mounted { learnt, trace_of_touch, largest_reading_n_m, expected_residual_n_m, replaced } =
         mount(calibration, traces, out)?;
     let MountingFit { mounting, touches } = learnt;
     let sds = mounting.covariance.diagonal().map(f64::sqrt);
@@ -74,11 +74,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for (after_n_m, trace) in
         touches.iter().map(after).zip(&trace_of_touch).filter_map(|(after, trace)| Some((after?, trace)))
     {
-        if after_n_m > UNEXPECTED * heldout_rms_n_m {
+        if after_n_m > UNEXPECTED * expected_residual_n_m {
             eprintln!(
-                "{trace}: the residual after the correction is {:.1} times the held-out error of the sensor model: the known place of \
+                "{trace}: the residual after the correction is {:.1} times the one expected from the sensor model and the noise: the known place of \
                 this touch may be wrong, and the mounting less certain than stated",
-                after_n_m / heldout_rms_n_m
+                after_n_m / expected_residual_n_m
             );
         }
     }

@@ -26,9 +26,9 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
             bail!("WHISKER_PYTHON: found {}, expected a Python interpreter", python.display())
         }
         Some(python) => {
-            if !from_sources && !has_package(&python) {
+            if !from_sources && !has_package(&python)? {
                 bail!(
-                    "WHISKER_PYTHON: found {}, expected an interpreter with the package whisker_sim; run `{} -m pip install ./sim` in \
+                    "WHISKER_PYTHON: found {}, expected an interpreter with the package whisker_sim; run `'{}' -m pip install ./sim` in \
                      the root of a checkout",
                     python.display(),
                     python.display()
@@ -53,9 +53,14 @@ pub(super) fn generator<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>)
 }
 
 /// Whether an interpreter finds the generator's package.
-fn has_package(python: &Path) -> bool {
+///
+/// # Errors
+/// If it does not start.
+fn has_package(python: &Path) -> anyhow::Result<bool> {
     let find = "import importlib.util, sys; sys.exit(importlib.util.find_spec('whisker_sim') is None)";
-    Command::new(python).args(["-c", find]).stdin(Stdio::null()).status().is_ok_and(|status| status.success())
+    let status = Command::new(python).args(["-c", find]).stdin(Stdio::null()).status();
+    let status = status.with_context(|| format!("WHISKER_PYTHON: {} does not start", python.display()))?;
+    Ok(status.success())
 }
 
 /// Path of the installed script. `None` if no folder of the PATH has it.

@@ -144,8 +144,9 @@ impl Tally {
                 whisker is touched, or compare frames and units by `whisker check`",
                 self.estimates
             ));
-        } else {
-            notes.extend(few_estimates(self.touched.iter().sum(), self.estimates, &calibration.to_string()));
+        } else if let Some(remark) = few_estimates(self.touched.iter().sum(), self.estimates, &calibration.to_string())
+        {
+            notes.extend(self.lacking(knowledge, &calibration.to_string()).or(Some(remark)));
         }
         notes
     }
@@ -164,17 +165,20 @@ impl Tally {
                 watched_n_m.abs()
             );
         }
-        let lacks = |face: &Face| knowledge.face(*face).is_none();
-        for (face, count) in [Face::Left, Face::Right].into_iter().zip(self.touched) {
-            if count > 0 && lacks(&face) {
-                let face = face.name();
-                return format!(
-                    "{count} rows touch with the face `{face}`, which {calibration} does not calibrate; calibrate it, \
-                    or correct the sign of the moment"
-                );
-            }
-        }
-        format!("{touched} rows are in contact, but the estimator gave no estimate")
+        let lacking = self.lacking(knowledge, calibration);
+        lacking.unwrap_or_else(|| format!("{touched} rows are in contact, but the estimator gave no estimate"))
+    }
+
+    /// States that a face which touches is not calibrated. `None` if all are.
+    fn lacking(&self, knowledge: &Knowledge, calibration: &str) -> Option<String> {
+        let touching = [Face::Left, Face::Right].into_iter().zip(self.touched);
+        let (face, count) =
+            touching.filter(|(_, count)| *count > 0).find(|(face, _)| knowledge.face(*face).is_none())?;
+        let face = face.name();
+        Some(format!(
+            "{count} rows touch with the face `{face}`, which {calibration} does not calibrate; calibrate it, or correct the sign of \
+             the moment"
+        ))
     }
 }
 

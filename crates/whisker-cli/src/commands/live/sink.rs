@@ -119,7 +119,7 @@ impl Sink {
         for (name, counters) in whiskers {
             let name = name.as_deref().unwrap_or("whisker");
             self.print(&format!("{name}: {counters}"));
-            for remark in remarks(counters) {
+            for remark in counters.remarks() {
                 self.print(&format!("{name}: note: {remark}"));
             }
         }
@@ -167,26 +167,4 @@ impl Sink {
         let _write = self.writing.begin(Stream::Stderr);
         diagnose(line);
     }
-}
-
-/// Remarks on numbers of messages that suggest wrong readings, poses or settings.
-fn remarks(counters: &Counters) -> Vec<String> {
-    let Counters { matched, touching, estimates, gated, missing, .. } = *counters;
-    let mut remarks = Vec::new();
-    if 2 * gated > matched {
-        remarks.push(format!(
-            "{gated} of {matched} readings are gated, beyond the largest plausible one; compare the unit of the readings"
-        ));
-    } else if 2 * estimates < touching {
-        remarks.push(format!(
-            "{touching} readings are in contact, {estimates} have an estimate: the others contradict the calibration, or their \
-             contacts lie outside it; compare units, signs and frames of readings and poses"
-        ));
-    }
-    if missing > matched {
-        remarks.push(format!(
-            "{missing} readings are missing, more than the {matched} with a pose; compare rate_hz with the times of the readings"
-        ));
-    }
-    remarks
 }

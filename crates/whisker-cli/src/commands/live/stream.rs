@@ -470,7 +470,7 @@ where
 }
 
 /// Checks what the first lines of both protocols have in common. `largest_n_m` is the largest calibrated reading.
-fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64, largest_n_m: f64) -> anyhow::Result<()> {
+fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: Option<f64>, largest_n_m: f64) -> anyhow::Result<()> {
     let (found, expected) = protocol;
     if found != expected {
         let kind = if expected == SPATIAL_PROTOCOL { "in space" } else { "in the plane" };
@@ -480,7 +480,7 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: f64, largest_n_
     if !(least..=most).contains(&rate_hz) {
         bail!("rate_hz: found {}, expected {least} to {most}", shown_number(rate_hz));
     }
-    if !(0.0..=largest_n_m).contains(&noise_sd_n_m) {
+    if let Some(noise_sd_n_m) = noise_sd_n_m.filter(|sd_n_m| !(0.0..=largest_n_m).contains(sd_n_m)) {
         let found = shown_number(noise_sd_n_m);
         bail!(
             "noise_sd_n_m: found {found}, expected 0 to {largest_n_m:.3e} N m, the largest reading of the calibration"
@@ -612,7 +612,7 @@ impl Method for InPlane {
             )
         })?;
         let largest_n_m = calibration.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m, largest_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, largest_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
             bail!("whisker.{difference}, as in {}", path.display());
@@ -722,7 +722,7 @@ impl Method for OfSpace {
                 path.display()
             )
         })?;
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, noise_sd_n_m, file.largest_reading_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, file.largest_reading_n_m)?;
         check_counts(prior.zeroing_s, prior.modulo)?;
         let for_counts = [("zeroing_s", prior.zeroing_s), ("modulo", prior.modulo)];
         if let Some((key, _)) = for_counts.iter().find(|(_, stated)| stated.is_some() && file.sensor.is_none()) {
