@@ -137,7 +137,7 @@ def test_robust_two_suites_with_animations_of_the_same_name(suite, write_scene, 
     options = [str(word) for option in folders.items() for word in option]
     assert main(["simulate", str(suite), str(other), *options]) == 2
     error = capsys.readouterr().err
-    assert "first.json: expected animations of different names, found 'one.straight' 2 times; give each suite another" in error
+    assert "first.json: expected animations of different names, found 'one.straight' 2 times; draw each suite by a command" in error
     assert error.count("\n") == 1
     assert not any(folder.exists() for folder in folders.values())
 

@@ -120,3 +120,21 @@ pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {
         (stated, of_sensor) => stated.or(of_sensor),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_the_noise_of_a_stream_is_at_least_that_of_its_sensor() {
+        for (stated, of_sensor, noise) in [
+            (None, None, None),
+            (Some(2.0), None, Some(2.0)),
+            (None, Some(1.0), Some(1.0)),
+            (Some(0.0), Some(1.0), Some(1.0)),
+            (Some(2.0), Some(1.0), Some(2.0)),
+        ] {
+            assert_eq!(noise_n_m(stated, of_sensor), noise);
+        }
+    }
+}

@@ -167,3 +167,34 @@ fn robust_lost_messages_and_wrong_values_in_space_are_counted() {
     let apart_m = last.1.contact.distance(&complete.contact);
     assert!(apart_m < 5e-4, "{apart_m} m at {} s", last.0);
 }
+
+#[test]
+fn robust_a_base_in_space_that_moves_or_turns_implausibly_fast_is_noted() {
+    let sweep = Sweep::new(3);
+    let noted = |change: fn(SpatialPose, usize) -> SpatialPose| {
+        let mut messages = sweep.messages(&QUIET, 1);
+        let mut row = 0;
+        for message in &mut messages {
+            if let Content::Pose(pose) = &mut message.content {
+                *pose = change(*pose, row);
+                row += 1;
+            }
+        }
+        let (_, events, live) = played(sweep.live(line()), &messages);
+        (events.iter().filter(|event| matches!(event, Event::Fast { .. })).count(), live.counters().fast)
+    };
+    assert_eq!(noted(|pose, _| pose), (0, 0));
+    let in_millimetres = noted(|pose, _| SpatialPose { position: 1e3 * pose.position, ..pose });
+    assert!(in_millimetres.0 == 1 && in_millimetres.1 > 10, "{in_millimetres:?}");
+    let spinning = noted(|pose, row| SpatialPose {
+        rotation: UnitQuaternion::from_scaled_axis(Vector3::z() * (0.5 * row as f64)),
+        ..pose
+    });
+    assert!(spinning.0 == 1 && spinning.1 > 10, "{spinning:?}");
+    // A single wrong pose is counted, but no event.
+    let outlier = noted(|pose, row| match row {
+        200 => SpatialPose { position: pose.position + Vector3::repeat(1.0), ..pose },
+        _ => pose,
+    });
+    assert!(outlier.0 == 0, "{outlier:?}");
+}

@@ -276,6 +276,7 @@ fn verif_known_contacts_are_found_in_recordings_in_space() {
     let square = values.dot(&deviation.covariance.cholesky().unwrap().solve(&values));
     assert!(square < CHI2_6_99 && deviation.shift_m.norm() < 0.5e-3, "{square} {deviation:?}");
     good(&["replay", text(&path), "--estimator", "point", "--calibration", text(&mounted), "--out", text(&estimates)]);
+    assert!(output.stderr.is_empty(), "{output:?}");
     let copies = ["mount", text(&path), text(&path), "--calibration", text(&calibration), "--out", text(&mounted)];
     let refused = whisker(&copies);
     for (refused, words) in [

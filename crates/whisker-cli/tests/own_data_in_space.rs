@@ -494,6 +494,27 @@ fn robust_a_trial_without_a_known_contact_is_named_by_the_evaluation() {
     assert!([evaluate(), evaluate()].iter().all(|notes| notes.contains(words)));
 }
 
+#[test]
+fn robust_a_known_place_that_is_wrong_is_noticed_by_the_residual() {
+    let folder = changed(|_| {});
+    let traces = imported(&folder);
+    good(&["fit", text(&traces), "--model", "spline"]);
+    let calibration = traces.join("calibrations/lab-whisker.json");
+    let out = folder.path().join("mounted.json");
+    let notes =
+        |trace: &Path| good(&["mount", text(trace), "--calibration", text(&calibration), "--out", text(&out)]).1;
+    let trial = traces.join("trial_1.csv");
+    assert_eq!(notes(&trial), "");
+    let mut elsewhere = read(&traces, "trial_1");
+    for place in elsewhere.truth.instants.iter_mut().filter_map(|truth| truth.place.as_mut()) {
+        place.x += 2e-3;
+    }
+    elsewhere.sidecar.name = "elsewhere".into();
+    elsewhere.write(folder.path()).unwrap();
+    let noted = notes(&folder.path().join("elsewhere.csv"));
+    assert!(noted.contains("elsewhere: the residual after the correction is "), "{noted}");
+}
+
 /// Light touches, in which the whisker is deflected by less than the radius of the pin: the readings tell its side.
 #[test]
 fn verif_the_side_of_a_thick_pin_follows_from_the_readings() {

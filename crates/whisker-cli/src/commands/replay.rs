@@ -240,3 +240,19 @@ impl Streamed<'_> {
         Ok((table.finish()?, tally))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verif_few_estimates_of_the_rows_in_contact_are_remarked() {
+        assert_eq!(few_estimates(100, 50, "whisker.json"), None);
+        assert_eq!(few_estimates(0, 0, "whisker.json"), None);
+        let remark = few_estimates(100, 49, "whisker.json").unwrap();
+        assert!(
+            remark.starts_with("few estimates: 49 for 100 rows in contact") && remark.contains("whisker.json"),
+            "{remark}"
+        );
+    }
+}
