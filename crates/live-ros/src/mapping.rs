@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use bag::messages::{MagneticField, MagneticFieldArray};
 use bag::{Message, topics};
 use files::{Error, FORMAT, read_json};
+use live::Timing;
 use live::counts::{MODULI, ZEROING_S, ZEROINGS_S};
-use live::{MOST_NOISE_N_M, Timing};
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -19,6 +19,9 @@ use crate::chain::Plane;
 
 /// Kind of the file.
 const KIND: &str = "contact_mapping";
+
+/// Largest standard deviation of the noise that may be stated (N m).
+const MOST_NOISE_N_M: f64 = 1e6;
 
 /// Largest number of whiskers.
 const MOST_WHISKERS: usize = 64;

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+/// Number of readings in contact below which their estimates are not judged: an estimator may wait at the beginning of a touch.
+const FEW: u64 = 50;
+
 /// Counts of messages and of what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -67,12 +70,7 @@ impl Counters {
         ]
         .into_iter()
     }
-}
 
-/// Number of readings in contact below which their estimates are not judged: an estimator may wait at the beginning of a touch.
-const FEW: u64 = 50;
-
-impl Counters {
     /// Remarks on numbers that suggest wrong readings, poses or settings.
     pub fn remarks(&self) -> Vec<String> {
         let Self { readings, matched, touching, unanswered, gated, missing, .. } = *self;

@@ -17,9 +17,10 @@ use crate::motion::{Motion, Place};
 use crate::poses::{Poses, SpatialPoses};
 use crate::timing::Timing;
 
-/// Shortest interval in which the speed of the base is tested (s), and number of intervals with an implausible one that are an event: a
-/// single wrong pose ends two.
+/// Shortest interval in which the speed of the base is tested (s).
 const INTERVAL_S: f64 = 0.02;
+
+/// Number of intervals with an implausible speed that are an event: a single wrong pose ends two.
 const FAST_INTERVALS: u64 = 3;
 
 /// Builds the estimator at the start and after a jump of a clock.

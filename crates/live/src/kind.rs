@@ -1,13 +1,12 @@
 //! Kinds of streams, in the plane and in space, with their types of readings, poses and estimates.
 
-use std::f64::consts::TAU;
 use std::fmt::Debug;
 use std::sync::Arc;
 
 use nalgebra::Vector2;
 use testbed::replay::Steps;
 use testbed::space::replay::SpatialSteps;
-use trace::{Instant, SpatialPose};
+use trace::{Instant, SpatialPose, wrapped_rad};
 use whisker::ReadingGate;
 use whisker::estimators::{self, OutlinePoint};
 use whisker::frames::{Base, Pose, World};
@@ -116,8 +115,7 @@ impl Kind for Planar {
     }
 
     fn way(from: &Pose<Base, World>, to: &Pose<Base, World>) -> Way {
-        let turn_rad = to.yaw_rad() - from.yaw_rad();
-        let angle_rad = (turn_rad - TAU * (turn_rad / TAU).round()).abs();
+        let angle_rad = wrapped_rad(to.yaw_rad() - from.yaw_rad()).abs();
         Way { distance_m: from.origin().distance(&to.origin()), angle_rad }
     }
 }

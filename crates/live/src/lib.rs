@@ -109,9 +109,6 @@ pub use poses::{Posed, Poses, SpatialPoses};
 pub use samples::{Sampled, Samples};
 pub use timing::Timing;
 
-/// Largest standard deviation of the noise that a mapping file may state (N m).
-pub const MOST_NOISE_N_M: f64 = 1e6;
-
 /// Standard deviation of the noise (N m) of a stream: the stated one, but at least that of the sensor in the calibration. With less, a
 /// filter becomes certain of a wrong contact. `None` if neither is known.
 pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {

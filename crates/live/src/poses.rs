@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use trace::SpatialPose;
+use trace::{SpatialPose, wrapped_rad};
 use whisker::frames::{Base, Pose, World};
 
 use crate::clock::Clock;
@@ -38,8 +38,7 @@ impl Posed for Pose<Base, World> {
     /// The yaw by the shorter way.
     fn between(before: &Self, after: &Self, share: f64) -> Self {
         let (from, to) = (before.origin().vector(), after.origin().vector());
-        let turn_rad = after.yaw_rad() - before.yaw_rad();
-        let turn_rad = turn_rad - TAU * (turn_rad / TAU).round();
+        let turn_rad = wrapped_rad(after.yaw_rad() - before.yaw_rad());
         let at = from + (to - from) * share;
         Pose::new(at.x, at.y, before.yaw_rad() + turn_rad * share)
     }

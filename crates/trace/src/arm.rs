@@ -151,7 +151,7 @@ impl Arm {
 }
 
 /// Angle wrapped to `[-pi, pi]`.
-pub(crate) fn wrapped_rad(angle_rad: f64) -> f64 {
+pub fn wrapped_rad(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
 

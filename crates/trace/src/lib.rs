@@ -54,7 +54,7 @@ mod suite;
 mod table;
 mod writer;
 
-pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix};
+pub use arm::{Arm, JOINTS, JointInstant, Link, PoseMatrix, wrapped_rad};
 pub use array::{ArrayRecording, ArraySidecar, MountedWhisker, PartFile, SceneObject};
 pub use calibration::{
     CalibrationFile, CrossTalk, FaceFile, FittedData, FrontEndFile, MOST_NOISE, ModelFile, SensorFile,

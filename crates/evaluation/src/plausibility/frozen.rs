@@ -1,11 +1,11 @@
 //! Readings that stay the same while a touched whisker moves, as of a sensor or a driver that has stopped.
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector1, Vector3};
 use trace::SpatialTrace;
 use whisker::frames::Point;
 
+use super::spatial::{bending, largest_bending};
 use super::{Finding, Subject, median};
-use crate::glitches;
 
 /// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings are
 /// a finding.
@@ -22,7 +22,7 @@ const FINE: f64 = 0.4;
 struct Row<const M: usize> {
     t_s: f64,
     middle_m: Vector3<f64>,
-    moments_n_m: [f64; M],
+    moments_n_m: SVector<f64, M>,
 }
 
 /// Compares the readings in the plane with those before.
@@ -30,7 +30,11 @@ pub(super) fn readings(subject: &Subject<'_>) -> Vec<Finding> {
     let half_m = 0.5 * subject.trace.sidecar.whisker.length_m;
     let rows = subject.instants().iter().map(|now| {
         let middle = now.base.apply(Point::new(half_m, 0.0));
-        Row { t_s: now.t_s, middle_m: Vector3::new(middle.x(), middle.y(), 0.0), moments_n_m: [now.moment_z_n_m] }
+        Row {
+            t_s: now.t_s,
+            middle_m: Vector3::new(middle.x(), middle.y(), 0.0),
+            moments_n_m: Vector1::new(now.moment_z_n_m),
+        }
     });
     found("moment_z_n_m", rows, LOADED * subject.largest_n_m).into_iter().collect()
 }
@@ -38,14 +42,12 @@ pub(super) fn readings(subject: &Subject<'_>) -> Vec<Finding> {
 /// The same in space.
 pub(super) fn readings_in_space(trace: &SpatialTrace) -> Option<Finding> {
     let half = Vector3::x() * (0.5 * trace.sidecar.whisker.length_m);
-    let instants = &trace.recording.instants;
-    let sizes: Vec<f64> = instants.iter().map(|now| now.moment_y_n_m.hypot(now.moment_z_n_m)).collect();
-    let rows = instants.iter().map(|now| Row {
+    let rows = trace.recording.instants.iter().map(|now| Row {
         t_s: now.t_s,
         middle_m: now.base.position + now.base.rotation * half,
-        moments_n_m: [now.moment_y_n_m, now.moment_z_n_m],
+        moments_n_m: bending(now),
     });
-    found("moment_y_n_m, moment_z_n_m", rows, LOADED * glitches::largest(&sizes))
+    found("moment_y_n_m, moment_z_n_m", rows, LOADED * largest_bending(trace))
 }
 
 /// The first run of rows with equal moments that exceeds these limits.
@@ -58,8 +60,8 @@ fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>
     let way_m = |run: &[Row<M>]| run.iter().map(|row| (row.middle_m - run[0].middle_m).norm()).fold(0.0, f64::max);
     let is_frozen = |run: &&[Row<M>]| {
         let duration_s = run[run.len() - 1].t_s - run[0].t_s;
-        let size_n_m = run[0].moments_n_m.iter().fold(0.0, |size: f64, moment_n_m| size.hypot(*moment_n_m));
-        duration_s >= DURATION_S && run.len() >= ROWS && way_m(run) >= WAY_M && size_n_m > least_n_m
+        let is_loaded = run[0].moments_n_m.norm() > least_n_m;
+        duration_s >= DURATION_S && run.len() >= ROWS && way_m(run) >= WAY_M && is_loaded
     };
     let run = rows.chunk_by(|one, other| one.moments_n_m == other.moments_n_m).find(is_frozen)?;
     let (first_s, last_s) = (run[0].t_s, run[run.len() - 1].t_s);
@@ -78,10 +80,6 @@ fn found<const M: usize>(place: &'static str, rows: impl Iterator<Item = Row<M>>
 
 /// Median size of the changes from row to row, which for a coarse sensor is its resolution. `None` if there are none.
 fn step_n_m<const M: usize>(rows: &[Row<M>]) -> Option<f64> {
-    let change = |pair: &[Row<M>]| {
-        let changes = pair[0].moments_n_m.iter().zip(&pair[1].moments_n_m).map(|(one, other)| other - one);
-        changes.fold(0.0, |size: f64, change| size.hypot(change))
-    };
-    let mut changes: Vec<f64> = rows.windows(2).map(change).filter(|change| *change > 0.0).collect();
-    median(&mut changes)
+    let changes = rows.windows(2).map(|pair| (pair[1].moments_n_m - pair[0].moments_n_m).norm());
+    median(&mut changes.filter(|change| *change > 0.0).collect::<Vec<_>>())
 }

@@ -189,12 +189,12 @@ fn strength(trace: &SpatialTrace) -> Option<Finding> {
 }
 
 /// Bending moments about y and z (N m), 2x1.
-fn bending(instant: &SpatialInstant) -> Vector2<f64> {
+pub(super) fn bending(instant: &SpatialInstant) -> Vector2<f64> {
     Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m)
 }
 
 /// Largest bending moment of a trace without single outliers.
-fn largest_bending(trace: &SpatialTrace) -> f64 {
+pub(super) fn largest_bending(trace: &SpatialTrace) -> f64 {
     let size = |instant: &SpatialInstant| instant.moment_y_n_m.hypot(instant.moment_z_n_m);
     glitches::largest(&trace.recording.instants.iter().map(size).collect::<Vec<_>>())
 }

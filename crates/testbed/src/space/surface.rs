@@ -16,7 +16,7 @@ const CERTAIN_SD_M: f64 = 0.1e-3;
 /// Edge of the grid on which triangles are formed, doubled until there are at most [`MOST_NODES`], and the number of nodes on each
 /// side of a point, along each axis, that have a value.
 const GRID_M: f64 = 0.5e-3;
-const MOST_NODES: f64 = 1e6;
+const MOST_NODES: f64 = (1_u32 << 20) as f64;
 const REACH: f64 = 8.0;
 
 /// A vertex of a mesh, in World.

@@ -70,15 +70,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Mounting::TURN_SD_RAD.to_degrees()
         );
     }
-    let after = |touch: &FittedTouch| touch.residuals_n_m.map(|[_, after]| after);
-    for (after_n_m, trace) in
-        touches.iter().map(after).zip(&trace_of_touch).filter_map(|(after, trace)| Some((after?, trace)))
-    {
-        if after_n_m > UNEXPECTED * expected_residual_n_m {
+    for (touch, trace) in touches.iter().zip(&trace_of_touch) {
+        let ratio = touch.residuals_n_m.map_or(0.0, |[_, after_n_m]| after_n_m / expected_residual_n_m);
+        if ratio > UNEXPECTED {
             eprintln!(
-                "{trace}: the residual after the correction is {:.1} times the one expected from the sensor model and the noise: the known place of \
-                this touch may be wrong, and the mounting less certain than stated",
-                after_n_m / expected_residual_n_m
+                "{trace}: the residual after the correction is {ratio:.1} times the one expected from the sensor model and the \
+                noise: the known place of this touch may be wrong, and the mounting less certain than stated"
             );
         }
     }

@@ -135,18 +135,17 @@ impl Tally {
                 self.gated
             ));
         }
-        let calibration = calibration.display();
+        let calibration = &calibration.display().to_string();
         if self.estimates == 0 {
-            notes.push(format!("no estimates: {}", self.reason(knowledge, &calibration.to_string())));
+            notes.push(format!("no estimates: {}", self.reason(knowledge, calibration)));
         } else if self.calibrated == 0 {
             notes.push(format!(
                 "no calibrated estimates: all {} lie outside the contacts of {calibration}; calibrate where the \
                 whisker is touched, or compare frames and units by `whisker check`",
                 self.estimates
             ));
-        } else if let Some(remark) = few_estimates(self.touched.iter().sum(), self.estimates, &calibration.to_string())
-        {
-            notes.extend(self.lacking(knowledge, &calibration.to_string()).or(Some(remark)));
+        } else if let Some(remark) = few_estimates(self.touched.iter().sum(), self.estimates, calibration) {
+            notes.extend(self.lacking(knowledge, calibration).or(Some(remark)));
         }
         notes
     }

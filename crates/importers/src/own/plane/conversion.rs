@@ -77,8 +77,8 @@ impl Conversion {
                 look for saturated or delayed readings"
             };
             let expected = format!(
-                "contacts that determine a monotone characteristic of degree {degree}; {advice}; otherwise state a smaller `degree` or the \
-                characteristic"
+                "contacts that determine a monotone characteristic of degree {degree}; {advice}; otherwise state a smaller \
+                `degree` or the characteristic"
             );
             missing(found, expected)
         })?;
