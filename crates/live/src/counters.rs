@@ -5,6 +5,10 @@ use std::fmt;
 /// Number of readings in contact below which their estimates are not judged: an estimator may wait at the beginning of a touch.
 const FEW: u64 = 50;
 
+/// Time between two readings (s) from which on they are implausibly slow: sensors of whiskers are read tens to thousands of times a
+/// second, and within this time a contact begins and ends unseen.
+pub(crate) const SLOW_STEP_S: f64 = 0.5;
+
 /// Counts of messages and of what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -42,13 +46,15 @@ pub struct Counters {
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
     pub jumps: u64,
+    /// Readings that follow the one before after half a second or more, as the nominal rate leads to expect.
+    pub slow: u64,
 }
 
 impl Counters {
     /// Names and values.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
         let Self { readings, poses, matched, touching, unanswered, estimates, missing, overtaken, late, .. } = *self;
-        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, .. } = *self;
+        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, slow, .. } = *self;
         [
             ("readings", readings),
             ("poses", poses),
@@ -67,13 +73,14 @@ impl Counters {
             ("gated", gated),
             ("not_finite", not_finite),
             ("jumps", jumps),
+            ("slow", slow),
         ]
         .into_iter()
     }
 
     /// Remarks on numbers that suggest wrong readings, poses or settings.
     pub fn remarks(&self) -> Vec<String> {
-        let Self { readings, matched, touching, unanswered, gated, missing, .. } = *self;
+        let Self { readings, matched, touching, unanswered, gated, missing, slow, .. } = *self;
         let mut remarks = Vec::new();
         if 2 * gated > matched {
             remarks.push(format!(
@@ -88,6 +95,12 @@ impl Counters {
         if 2 * missing > readings {
             remarks.push(format!(
                 "{missing} readings are missing, {readings} arrived; compare rate_hz with the times of the readings"
+            ));
+        }
+        if 2 * slow > readings {
+            remarks.push(format!(
+                "{slow} of {readings} readings follow the one before after {SLOW_STEP_S} s or more, as rate_hz states; compare the unit \
+                 of the times, seconds, and rate_hz"
             ));
         }
         remarks
@@ -130,6 +143,7 @@ mod tests {
             unanswered: 90,
             missing: 20,
             gated: 3,
+            slow: 2,
             ..Default::default()
         };
         assert_eq!(good.remarks(), [""; 0]);
@@ -137,6 +151,7 @@ mod tests {
             (Counters { gated: 300, unanswered: 200, ..good }, "300 of 490 readings are gated"),
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
             (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
+            (Counters { slow: 300, ..good }, "300 of 500 readings follow the one before after 0.5 s or more"),
         ] {
             let remarks = counters.remarks();
             assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::clock::{Clock, Jump, Order};
-use crate::counters::Counters;
+use crate::counters::{Counters, SLOW_STEP_S};
 use crate::motion::{Motion, Place};
 use crate::timing::Timing;
 
@@ -174,8 +174,11 @@ impl<M: Motion, R: Copy> Matching<M, R> {
 
     fn settle(&mut self, next: &Arrived<R>, is_used: bool, counters: &mut Counters) {
         if let Some(last_s) = self.recent.back() {
-            let intervals = ((next.t_s - last_s) * self.rate_hz).round();
+            let step_s = next.t_s - last_s;
+            let intervals = (step_s * self.rate_hz).round();
             counters.missing += (intervals - 1.0).max(0.0) as u64;
+            // A pause of a faster stream has missing readings instead.
+            counters.slow += u64::from(intervals <= 1.0 && step_s >= SLOW_STEP_S);
         }
         if self.recent.len() == RECENT {
             self.recent.pop_front();

@@ -138,17 +138,21 @@ fn robust_streams_that_look_wrong_are_noted_at_their_end() {
     let options = [named("left"), named("right")];
     let arguments: Vec<&str> =
         ["live", "--estimator", "ekf", "--calibration", &options[0], "--calibration", &options[1]].into();
-    let noted = |rate_hz: f64, factor: f64| {
+    let noted_at = |rate_hz: f64, factor: f64, per_second: f64| {
         let mut first = bench.prior("pin", Some("left"), &rows);
         first["rate_hz"] = rate_hz.into();
         let of_row = |row: &EstimateRow| {
             let [pose, mut reading] = lines(Some("left"), row);
             reading["reading_n_m"] = (factor * row.reading_n_m).into();
-            [pose, reading]
+            [pose, reading].map(|mut line| {
+                line["t_s"] = (per_second * row.t_s).into();
+                line
+            })
         };
         let all: Vec<Value> = rows.iter().flat_map(of_row).collect();
         text(&fed(&arguments, &[vec![first], all].concat()).stderr).to_owned()
     };
+    let noted = |rate_hz: f64, factor: f64| noted_at(rate_hz, factor, 1.0);
     let good = noted(250.0, 1.0);
     assert!(good.contains("right: note: no first line arrived") && !good.contains("left: note"), "{good}");
     let negative = noted(250.0, -1.0);
@@ -157,6 +161,11 @@ fn robust_streams_that_look_wrong_are_noted_at_their_end() {
     assert!(large.contains("beyond the largest plausible one; compare the unit"), "{large}");
     let fast = noted(2500.0, 1.0);
     assert!(fast.contains("compare rate_hz with the times of the readings"), "{fast}");
+    let milliseconds = noted_at(0.25, 1.0, 1e3);
+    assert!(
+        milliseconds.contains("left: note: ") && milliseconds.contains("compare the unit of the times"),
+        "{milliseconds}"
+    );
 }
 
 #[test]
