@@ -1,4 +1,6 @@
-//! `whisker check` on a golden trace with a wrong unit, sign or rate, valid by its format.
+//! `whisker check` on a golden trace with a wrong unit, sign or rate, valid by its format, and on the folder of a run.
+
+mod golden;
 
 use std::fs;
 use std::path::Path;
@@ -7,6 +9,8 @@ use std::process::{Command, Output};
 use files::{sha256, write_json};
 use trace::Trace;
 use whisker::frames::Pose;
+
+use golden::write_dataset;
 
 fn check(path: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_whisker")).arg("check").arg(path).output().unwrap()
@@ -149,4 +153,55 @@ fn verif_rows_of_unknown_truth_are_counted() {
     trace.write(folder.path()).unwrap();
     let found = String::from_utf8(check(&folder.path().join("golden_pin.csv")).stdout).unwrap();
     assert!(found.contains("touching in ") && found.contains(&format!("unknown in {unknown}")), "{found}");
+}
+
+fn good(arguments: &[&str]) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_whisker")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+/// Golden traces with a calibration.
+fn calibrated_dataset() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write_dataset(folder.path());
+    good(&["fit", folder.path().to_str().unwrap(), "--model", "elastica"]);
+    folder
+}
+
+#[test]
+fn robust_missing_files_of_a_run_are_named() {
+    let (traces, results) = (calibrated_dataset(), tempfile::tempdir().unwrap());
+    let given = [traces.path(), results.path()].map(|path| path.to_str().unwrap());
+    good(&["evaluate", given[0], "--estimators", "ekf", "--seeds", "1", "--results", given[1], "--name", "run"]);
+    let run = results.path().join("run");
+    let checked = check(&run);
+    let found = String::from_utf8(checked.stdout).unwrap();
+    assert!(checked.status.success() && found.contains("run `run` of 1 estimators\n"), "{found}");
+
+    for name in ["trials.csv", "estimates/pin.ekf.csv"] {
+        fs::remove_file(run.join(name)).unwrap();
+    }
+    let error = "run.json: found a run without trials.csv, estimates/pin.ekf.csv, expected all files of the run; run the same \
+                 `whisker evaluate` again\n";
+    for path in [run.clone(), run.join("run.json")] {
+        let checked = check(&path);
+        let errors = String::from_utf8(checked.stderr).unwrap();
+        assert!(checked.status.code() == Some(1) && errors.ends_with(error) && errors.lines().count() == 1, "{errors}");
+    }
+    good(&["evaluate", given[0], "--estimators", "ekf", "--seeds", "1", "--results", given[1], "--name", "run"]);
+    assert!(check(&run).status.success());
+
+    // A description with tables over all trials, as it is kept in results/reference.
+    let excerpt = tempfile::tempdir().unwrap();
+    for name in ["run.json", "summary.csv"] {
+        fs::copy(run.join(name), excerpt.path().join(name)).unwrap();
+    }
+    let checked = check(excerpt.path());
+    let found = String::from_utf8(checked.stdout).unwrap();
+    assert!(checked.status.success() && found.contains(", an excerpt without its trials"), "{found}");
+
+    fs::remove_file(run.join("run.json")).unwrap();
+    let errors = String::from_utf8(check(&run).stderr).unwrap();
+    assert!(errors.contains("run.json: no such file, expected the description of the run"), "{errors}");
 }

@@ -565,3 +565,18 @@ fn verif_the_sidecar_is_read_again() {
     let sidecar = SpatialSidecar::read(&traces.join("trial_1.json")).unwrap();
     assert_eq!((sidecar.poisson_ratio, sidecar.object.as_str()), (0.3, "pin"));
 }
+
+#[test]
+fn robust_missing_files_of_a_run_in_space_are_named() {
+    let folder = changed(|_| {});
+    let (traces, results) = (imported(&folder), folder.path().join("results"));
+    good(&["fit", text(&traces), "--model", "polynomial"]);
+    good(&["evaluate", text(&traces), "--estimators", "point", "--results", text(&results)]);
+    let run = results.join("traces");
+    assert!(good(&["check", text(&run)]).0.contains("run in space `traces` of 1 estimators\n"));
+    for name in ["space_trials.csv", "space_maps/trial_1.point.glb"] {
+        fs::remove_file(run.join(name)).unwrap();
+    }
+    let words = "space_run.json: found a run without space_trials.csv, space_maps/trial_1.point.glb, expected all files of the run";
+    assert_fails(whisker(&["check", text(&run)]), &[words, "run the same `whisker evaluate` again"]);
+}

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use anyhow::Context;
 use files::{read_json, write_atomically};
-use testbed::results::files::{OUTLINE, RESIDUALS, RUN, SURFACE, Writer};
-use testbed::results::{RUN_FILES, Run, RunCalibration, RunEstimator, RunNames, RunSet, SetName};
+use testbed::results::files::{OUTLINE, RESIDUALS, RUN, SURFACE, evaluated};
+use testbed::results::{Run, RunCalibration, RunEstimator, RunNames, RunSet, SetName};
 use trace::Sidecar;
 
 use super::array_members;
@@ -104,9 +104,8 @@ impl Prepared {
         let sensor_tables: BTreeSet<String> =
             self.sensors().flat_map(|sensor| self.front_end.table_files(sensor)).collect();
         let names = RunNames { run, outlined: &outlined, sensor_tables: &sensor_tables };
-        let written = RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate);
         read_json::<Run>(&RUN.path(folder)).is_ok_and(is_same)
-            && written.flat_map(|file| file.instances(&names)).all(|name| folder.join(name).is_file())
+            && evaluated(&names).iter().all(|name| folder.join(name).is_file())
     }
 
     /// Copies the inputs that the report draws, so that it needs the run alone.

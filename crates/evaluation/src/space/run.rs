@@ -9,12 +9,11 @@ use rayon::prelude::*;
 use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::front_end::{SPATIAL_FRONT_ENDS, SpatialFrontEnd};
-use testbed::results::files::{Per, RunFile, Writer};
+use testbed::results::files::RunFile;
 use testbed::results::{FailureRow, ResultsKind, csv_bytes};
 use testbed::space::SpatialEstimateRow;
 use testbed::space::files::{
-    FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES,
-    TRIALS,
+    FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SUMMARY, TIMES, TRIALS,
 };
 use testbed::space::map::{SpatialMap, Sweep};
 use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
@@ -86,18 +85,7 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
 
 /// Whether a folder has all files of the run.
 fn is_complete(run: &SpatialRun, folder: &Path) -> bool {
-    let traces: Vec<String> = run.solids().iter().map(SweptSolid::traces).collect();
-    let is_there = |file: &RunFile, name: &str, estimator: &str| file.path_of(folder, &[name, estimator]).is_file();
-    SPATIAL_RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).all(|file| match file.per {
-        Per::TraceAndEstimator => run
-            .estimators
-            .keys()
-            .all(|estimator| run.trials.iter().all(|trial| is_there(file, &trial.trace, estimator))),
-        Per::SolidAndEstimator => {
-            run.estimators.keys().all(|estimator| traces.iter().all(|traces| is_there(file, traces, estimator)))
-        }
-        _ => file.path(folder).is_file(),
-    })
+    run.files().iter().all(|name| folder.join(name).is_file())
 }
 
 /// Differences in settings between two runs.

@@ -10,8 +10,9 @@ use trace::{SpatialFrontEndFile, StatedSuspension};
 use whisker::Whisker;
 
 use super::SpatialEstimateRow;
-use super::files::{ESTIMATES, FAILURES, MAP_SCORES, RUN, SUMMARY, TIMES, TRIALS};
+use super::files::{ESTIMATES, FAILURES, MAP_SCORES, RUN, SPATIAL_RUN_FILES, SUMMARY, TIMES, TRIALS};
 use super::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
+use crate::results::files::{Per, RunFile, Writer};
 use crate::results::{FailureRow, read_rows};
 
 /// A trial of a run in space.
@@ -152,6 +153,21 @@ impl SpatialRun {
     /// If the table cannot be read.
     pub fn failures(folder: &Path) -> anyhow::Result<Vec<FailureRow>> {
         read_rows(&FAILURES.path(folder))
+    }
+
+    /// Paths in the folder of the run of all files that `whisker evaluate` writes.
+    pub fn files(&self) -> Vec<String> {
+        let solids: Vec<String> = self.solids().iter().map(SweptSolid::traces).collect();
+        let each_estimator = |file: &RunFile, name: &str| -> Vec<String> {
+            self.estimators.keys().map(|estimator| file.name_of(&[name, estimator])).collect()
+        };
+        let written = SPATIAL_RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate);
+        let instances = written.flat_map(|file| match file.per {
+            Per::TraceAndEstimator => self.trials.iter().flat_map(|trial| each_estimator(file, &trial.trace)).collect(),
+            Per::SolidAndEstimator => solids.iter().flat_map(|traces| each_estimator(file, traces)).collect(),
+            _ => vec![file.name.into()],
+        });
+        instances.collect()
     }
 
     /// Trials by the solid that they sweep over, in order of their first trial. A trial whose solid is unknown, as in recordings of

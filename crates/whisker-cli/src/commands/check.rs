@@ -11,9 +11,9 @@ use recorded::pins::PinScore;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
-use testbed::results::files::{Rows, run_file};
+use testbed::results::files::{self as plane, Rows, RunFile, always_evaluated, run_file};
 use testbed::results::{RUN_FILES, ResultsKind, Run, read_rows};
-use testbed::space::files::SPATIAL_RUN_FILES;
+use testbed::space::files::{self as space, SPATIAL_RUN_FILES};
 use testbed::space::run::SpatialRun;
 use trace::{
     ArrayRecording, Breach, CalibrationFile, Certificate, Outline, SensorFile, SpatialCalibrationFile,
@@ -66,6 +66,7 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
                 inside.push(file);
             }
         }
+        inside.extend(missing_description(path));
         if inside.is_empty() {
             bail!("{}: no CSV or JSON files", path.display());
         }
@@ -73,6 +74,16 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         files.extend(inside);
     }
     Ok(files)
+}
+
+/// Path of the description of a run whose folder has the files of its trials but not the description, so that its absence is reported.
+fn missing_description(folder: &Path) -> Option<PathBuf> {
+    let kinds = [(plane::RUN, plane::TRIALS, plane::ESTIMATES), (space::RUN, space::TRIALS, space::ESTIMATES)];
+    let lacks_it = |(description, trials, estimates): &(RunFile, RunFile, RunFile)| {
+        let of_estimates = estimates.name.split_once('/').map_or(estimates.name, |(folder, _)| folder);
+        !description.path(folder).exists() && trials.path(folder).is_file() && folder.join(of_estimates).is_dir()
+    };
+    kinds.into_iter().find(lacks_it).map(|(description, ..)| description.path(folder))
 }
 
 /// Whether a CSV file in a folder has a sidecar, or is a trace without one or another table of the formats. A file that cannot be read
@@ -90,9 +101,13 @@ fn check(path: &Path) -> anyhow::Result<String> {
     if let Some(found) = check_table(path)? {
         return Ok(found);
     }
-    if name == ResultsKind::SpatialRun.file() {
+    if [plane::RUN.name, space::RUN.name].contains(&&*name) && !path.exists() {
+        bail!("{}: no such file, expected the description of the run; {AGAIN}", path.display());
+    }
+    if name == space::RUN.name {
         let run: SpatialRun = read_json(path)?;
-        return Ok(format!("run in space `{}` of {} estimators", run.name, run.estimators.len()));
+        let extent = check_run_files(path, &run.files(), space::TRIALS)?;
+        return Ok(format!("run in space `{}` of {} estimators{extent}", run.name, run.estimators.len()));
     }
     if name == ResultsKind::Recordings.file() {
         let settings: SettingsUsed = read_json(path)?;
@@ -114,13 +129,48 @@ fn check(path: &Path) -> anyhow::Result<String> {
         Some("calibration") => check_calibration(path),
         Some("run") => {
             let run = Run::read(path)?;
-            Ok(format!("run `{}` of {} estimators", run.name, run.estimators.len()))
+            let expected = always_evaluated(&run, path.parent().unwrap_or(Path::new("")));
+            let extent = check_run_files(path, &expected, plane::TRIALS)?;
+            Ok(format!("run `{}` of {} estimators{extent}", run.name, run.estimators.len()))
         }
         Some(other) => {
             bail!("{}: kind: found `{other}`, expected that of {FILES}", path.display())
         }
         None => check_without_kind(path, &value),
     }
+}
+
+/// What to do about a run that lacks files.
+const AGAIN: &str = "run the same `whisker evaluate` again";
+
+/// Largest number of missing files that an error names.
+const MOST_NAMED: usize = 20;
+
+/// Checks that the folder of a run's description has the expected files of the run. A folder without any file of single trials,
+/// neither their table nor files in folders of the run, is an excerpt, as in `results/reference`, and need not have the other tables.
+/// Returns what is to be added to the printed description of the run.
+///
+/// # Errors
+/// If files are missing.
+fn check_run_files(description: &Path, expected: &[String], trials: RunFile) -> anyhow::Result<&'static str> {
+    let (there, missing): (Vec<&String>, Vec<&String>) =
+        expected.iter().partition(|name| description.with_file_name(name).is_file());
+    if missing.is_empty() {
+        return Ok("");
+    }
+    if !there.iter().any(|name| **name == trials.name || name.contains('/')) {
+        return Ok(", an excerpt without its trials");
+    }
+    let named: Vec<&str> = missing.iter().take(MOST_NAMED).map(|name| name.as_str()).collect();
+    let further = match missing.len() - named.len() {
+        0 => String::new(),
+        count => format!(" and {count} others"),
+    };
+    bail!(
+        "{}: found a run without {}{further}, expected all files of the run; {AGAIN}",
+        description.display(),
+        named.join(", ")
+    )
 }
 
 fn check_spatial_calibration(path: &Path) -> anyhow::Result<String> {
