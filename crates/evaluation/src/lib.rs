@@ -80,4 +80,5 @@ mod glitches;
 pub mod participant;
 pub mod plausibility;
 mod provenance;
+pub mod remarks;
 pub mod space;

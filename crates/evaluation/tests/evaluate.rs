@@ -23,7 +23,7 @@ use testbed::results::files::{ESTIMATES, QUANTITIES, Writer, run_file};
 use testbed::results::{EstimateRow, QuantityRow, RUN_FILES, Run, TrialRow, read_rows, read_scores};
 use trace::{CalibrationFile, Miscalibration, ReplayEffects, Role, Sidecar, Trace, TruthInstant};
 use whisker::estimators::BaseNoise;
-use whisker::frames::Pose;
+use whisker::frames::{Point, Pose};
 use whisker::sensor::CalibratedFace;
 
 /// Dataset of the golden pin as a trial and as a calibration, and of a trial without any contact.
@@ -405,4 +405,24 @@ fn robust_files_beside_a_calibration_are_required_before_the_start() {
         fs::rename(&moved, calibrations.join(name)).unwrap();
     }
     assert!(fs::read_dir(results.path()).unwrap().next().is_none());
+}
+
+#[test]
+fn robust_a_set_with_contacts_outside_of_the_calibrated_domain_is_remarked() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    assert_eq!(evaluated(&dataset, results.path(), &[]).remarks.lines(), [""; 0]);
+    // True contacts on the first fifth of the way to the calibrated ones.
+    let mut trace = Trace::read(&traces.path().join("pin.csv")).unwrap();
+    for (known, truth) in trace.recording.instants.iter().zip(&mut trace.truth.instants) {
+        truth.contact = truth.contact.map(|contact| {
+            let at = known.base.inverse().apply(contact);
+            known.base.apply(Point::new(0.2 * at.x(), 0.2 * at.y()))
+        });
+    }
+    trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+    trace.write(traces.path()).unwrap();
+    let remarks = evaluated(&dataset, results.path(), &[]).remarks.lines();
+    let [remark] = &remarks[..] else { panic!("{remarks:?}") };
+    assert!(remark.contains("found 100 % of ") && remark.contains("expected at most 10 %"), "{remark}");
 }

@@ -115,6 +115,31 @@ fn verif_no_estimate_is_expected_at_the_tip_or_outside_of_the_calibrated_domain(
 }
 
 #[test]
+fn robust_a_set_with_contacts_outside_of_the_calibrated_domain_is_remarked() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = dataset(folder.path(), 9);
+    fit(&lines, &fit_settings(), &calibrations(folder.path()), &ProgressBar::hidden()).unwrap();
+    let rod = golden().sidecar.rod().unwrap();
+    let remarks = |rows_outside: usize| {
+        let (inside, outside) = (Around::new(0.045, 2e-3, 1.2e-3), Around::new(0.020, 2e-4, 1e-4));
+        let mut places = vec![Some(inside); 500 - rows_outside];
+        places.extend(vec![Some(outside); rows_outside]);
+        trace("press", Role::Trial, &rod, &places).write(folder.path()).unwrap();
+        let (dataset, out) = (Dataset::open(folder.path(), None).unwrap(), tempfile::tempdir().unwrap());
+        let run = || {
+            let settings = settings(&["point"], &[1]);
+            evaluate_into(&out.path().join("run"), &dataset, &settings, false, &ProgressBar::hidden()).unwrap()
+        };
+        let [first, again] = [run(), run()];
+        assert!(first.is_new && !again.is_new && first.remarks.lines() == again.remarks.lines());
+        first.remarks.lines()
+    };
+    assert_eq!(remarks(50), [""; 0]);
+    let [remark] = &remarks(300)[..] else { panic!("one remark") };
+    assert!(remark.contains("found 60 % of 500 of ") && remark.contains("expected at most 10 %"), "{remark}");
+}
+
+#[test]
 fn verif_a_trial_in_space_is_read_by_a_hall_sensor_that_the_fit_calibrates() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 9);

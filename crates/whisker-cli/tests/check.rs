@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use files::{sha256, write_json};
+use serde_json::{Value, json};
 use trace::Trace;
 use whisker::frames::Pose;
 
@@ -204,4 +205,30 @@ fn robust_missing_files_of_a_run_are_named() {
     fs::remove_file(run.join("run.json")).unwrap();
     let errors = String::from_utf8(check(&run).stderr).unwrap();
     assert!(errors.contains("run.json: no such file, expected the description of the run"), "{errors}");
+}
+
+#[test]
+fn robust_a_rate_that_contradicts_the_times_is_noted_by_replay_and_evaluation() {
+    let (traces, results) = (calibrated_dataset(), tempfile::tempdir().unwrap());
+    let trace = traces.path().join("pin.csv");
+    let given = [traces.path(), results.path(), &trace].map(|path| path.to_str().unwrap());
+    let replay = ["replay", given[2], "--estimator", "ekf"];
+    let evaluate =
+        ["evaluate", given[0], "--estimators", "ekf", "--seeds", "1", "--results", given[1], "--name", "run"];
+    let notes = |arguments: &[&str]| String::from_utf8(good(arguments).stderr).unwrap();
+    for arguments in [&replay[..], &evaluate] {
+        let notes = notes(arguments);
+        assert!(!notes.contains("rate_hz"), "{notes}");
+    }
+    let sidecar = trace.with_extension("json");
+    let mut changed: Value = serde_json::from_slice(&fs::read(&sidecar).unwrap()).unwrap();
+    changed["rate_hz"] = json!(2500.0);
+    fs::write(&sidecar, changed.to_string()).unwrap();
+    let words = "note: pin: rate_hz: found 2500 with times that step 0.004000 s, expected steps of 0.000400 s: rate_hz 2500 but times \
+                 step 4.0000 ms (250.0000 Hz); the estimators rely on rate_hz\n";
+    // The second evaluation is up to date or made anew; both state the note.
+    for arguments in [&replay[..], &[&evaluate[..], &["--force"]].concat(), &evaluate] {
+        let notes = notes(arguments);
+        assert_eq!(notes.matches(words).count(), 1, "{notes}");
+    }
 }

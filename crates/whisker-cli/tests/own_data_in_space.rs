@@ -580,3 +580,24 @@ fn robust_missing_files_of_a_run_in_space_are_named() {
     let words = "space_run.json: found a run without space_trials.csv, space_maps/trial_1.point.glb, expected all files of the run";
     assert_fails(whisker(&["check", text(&run)]), &[words, "run the same `whisker evaluate` again"]);
 }
+
+#[test]
+fn robust_a_rate_in_space_that_contradicts_the_times_is_noted() {
+    let folder = changed(|_| {});
+    let (traces, results) = (imported(&folder), folder.path().join("results"));
+    good(&["fit", text(&traces), "--model", "polynomial"]);
+    let trial = traces.join("trial_1.csv");
+    let notes = || {
+        let replayed = good(&["replay", text(&trial), "--estimator", "point"]).1;
+        let arguments = ["evaluate", text(&traces), "--estimators", "point", "--results", text(&results), "--force"];
+        [replayed, good(&arguments).1]
+    };
+    assert!(notes().iter().all(|notes| !notes.contains("rate_hz")));
+    let sidecar = trial.with_extension("json");
+    let mut changed: Value = serde_json::from_slice(&fs::read(&sidecar).unwrap()).unwrap();
+    changed["rate_hz"] = json!(10.0 * changed["rate_hz"].as_f64().unwrap());
+    fs::write(&sidecar, changed.to_string()).unwrap();
+    for notes in notes() {
+        assert_eq!(notes.matches("note: trial_1: rate_hz: found ").count(), 1, "{notes}");
+    }
+}

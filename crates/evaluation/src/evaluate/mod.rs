@@ -80,13 +80,14 @@ pub fn evaluate(
     let prepared = Prepared::new(datasets, settings)?;
     let run = prepared.run(settings)?;
     let (unscored, omitted, gated) = (prepared.unscored(), prepared.omitted.clone(), prepared.gated.clone());
+    let remarks = prepared.remarks.clone();
     // A run with an unreadable table is made anew.
     if prepared.is_up_to_date(&folder, &run)
         && let Ok((summary, failures)) = tables(&folder)
         && (settings.programs.is_empty() || !settings.force && failures.iter().all(|row| row.estimator.is_none()))
     {
         tidy(&folder)?;
-        return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored, gated });
+        return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored, gated, remarks });
     }
     if !settings.force {
         check_replaceable(&folder, &run)?;
@@ -108,7 +109,7 @@ pub fn evaluate(
     prepared.copy_for_report(part.path())?;
     write_json(&RUN.path(part.path()), &run)?;
     part.finish()?;
-    Ok(Evaluated { folder, summary, is_new: true, failures, omitted, unscored, gated })
+    Ok(Evaluated { folder, summary, is_new: true, failures, omitted, unscored, gated, remarks })
 }
 
 /// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.

@@ -10,7 +10,7 @@ use testbed::dataset::Dataset;
 use testbed::encoders::Encoders;
 use testbed::fitted_traces::check_fitted_to_all;
 use testbed::front_end::{FrontEnd, Mounting};
-use testbed::metrics::{Unscored, first_touch_s};
+use testbed::metrics::{ContactCount, Unscored, first_touch_s};
 use testbed::noise::NoiseUnit;
 use testbed::replay::{check_calibration, knowledge, noise_sd_n_m};
 use testbed::results::SetName;
@@ -24,6 +24,8 @@ use super::settings::{EvaluateSettings, OmittedEstimator};
 use super::starts::{self, Starts};
 use crate::distinct::check_distinct;
 use crate::participant::Participant;
+use crate::plausibility::contradicted_rate;
+use crate::remarks::TrialRemarks;
 
 /// A trace to be replayed, without its rows, which are read when it is replayed.
 pub(super) struct TrialSpec {
@@ -82,6 +84,7 @@ pub(super) struct Prepared {
     pub(super) largest_readings_n_m: BTreeMap<SetName, f64>,
     /// Traces with gated readings: name, number of these readings and of all rows.
     pub(super) gated: Vec<(String, usize, usize)>,
+    pub(super) remarks: TrialRemarks,
     noise_unit: NoiseUnit,
     pub(super) front_end: FrontEnd,
     pub(super) participants: Vec<Box<dyn Participant>>,
@@ -103,6 +106,7 @@ impl Prepared {
             calibrations: Calibrations::default(),
             largest_readings_n_m: BTreeMap::new(),
             gated: Vec::new(),
+            remarks: TrialRemarks::default(),
             noise_unit: settings.noise_unit,
             front_end: FrontEnd::new(&settings.front_end)?,
             participants: Vec::new(),
@@ -163,6 +167,9 @@ impl Prepared {
             is_known: first_touch_s(&trace) != Err(Unscored::TruthUnknown),
         };
         let gate = calibration.file.gate();
+        self.remarks.rates.extend(contradicted_rate(&trace).map(|finding| (sidecar.name.clone(), finding)));
+        let touched = calibration.faces(None).iter().find(|face| face.face == sidecar.face);
+        let contacts = ContactCount::of(&trace, touched.map(|face| &**face));
         let mut admitted = trace.moments_n_m();
         let rows = admitted.len();
         admitted.retain(|moment_n_m| gate.admits(*moment_n_m));
@@ -172,21 +179,28 @@ impl Prepared {
         }
         if settings.starts == Starts::Wrong {
             for (sidecar, prior) in starts::wrong(&trace) {
-                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, settings)?;
+                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, contacts, settings)?;
             }
         }
         for (sidecar, member) in arrays.trials(folder, &trace, &settings.encoders)? {
-            self.add(spec.with(sidecar, member, None), largest_n_m, settings)?;
+            self.add(spec.with(sidecar, member, None), largest_n_m, contacts, settings)?;
         }
         Ok(())
     }
 
     /// Adds a trial with each of the miscalibrations.
-    fn add(&mut self, trial: TrialSpec, largest_n_m: f64, settings: &EvaluateSettings) -> anyhow::Result<()> {
+    fn add(
+        &mut self,
+        trial: TrialSpec,
+        largest_n_m: f64,
+        contacts: ContactCount,
+        settings: &EvaluateSettings,
+    ) -> anyhow::Result<()> {
         for trial in trial.miscalibrated(&settings.miscalibrations)? {
             trial.check_noise(self.noise_unit)?;
             let largest = self.largest_readings_n_m.entry(trial.set()).or_default();
             *largest = largest.max(largest_n_m);
+            self.remarks.contacts.entry(trial.set()).or_default().add(contacts);
             self.trials.push(trial);
         }
         Ok(())

@@ -19,6 +19,7 @@ use super::starts::Starts;
 use super::workload::Workload;
 use crate::distinct::check_distinct;
 use crate::participant::{Participant, Program, Registered};
+use crate::remarks::TrialRemarks;
 
 /// Settings of an evaluation.
 #[derive(Clone, Debug, Default)]
@@ -76,6 +77,8 @@ pub struct Evaluated {
     pub unscored: Vec<String>,
     /// Traces with gated readings: name, number of these readings and of all rows.
     pub gated: Vec<(String, usize, usize)>,
+    /// Remarks on the trials.
+    pub remarks: TrialRemarks,
 }
 
 /// Estimator that was omitted because a calibration lacks its sensor model.

@@ -22,6 +22,7 @@ use trace::{CalibrationFile, Instant, Trace};
 use crate::glitches;
 
 pub use spatial::{SPATIAL_TESTS, SpatialTest, spatial_findings};
+pub use time::{TimeSteps, contradicted_rate, contradicted_rate_in_space};
 
 /// Largest moment, in standard deviations of the noise that a recording contains, up to which its whisker may be free.
 const FREE_SDS: f64 = 8.0;

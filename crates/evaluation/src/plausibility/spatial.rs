@@ -6,11 +6,9 @@ use trace::{Role, SpatialInstant, SpatialTrace, SpatialTruthInstant};
 use super::frozen;
 use super::moment::withstood;
 use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE, TOUCHING, Travel, travelled};
+use super::time::contradicted_rate_in_space;
 use super::{Finding, median};
 use crate::glitches;
-
-/// Relative tolerance of the time step.
-const RATE: f64 = 0.02;
 
 /// Largest deviation of the moment from stiffness times rotation, relative to the largest moment.
 const ROTATION: f64 = 0.01;
@@ -47,7 +45,7 @@ pub struct SpatialTest {
 #[rustfmt::skip]
 /// The registry of tests of traces in space.
 pub const SPATIAL_TESTS: &[SpatialTest] = &[
-    SpatialTest { name: "rate", about: "rate_hz against the times", is_last: false, find: rate },
+    SpatialTest { name: "rate", about: "rate_hz against the times", is_last: false, find: contradicted_rate_in_space },
     SpatialTest { name: "velocity", about: "velocity against finite differences of the positions", is_last: false, find: velocity },
     SpatialTest { name: "angular velocity", about: "angular velocity against finite differences of the quaternions", is_last: false, find: angular },
     SpatialTest { name: "travel", about: "speed of the base, jumps of its position and its travel in one touch", is_last: false, find: travel },
@@ -66,20 +64,6 @@ pub fn spatial_findings(trace: &SpatialTrace) -> Vec<Finding> {
     };
     let found = findings(false);
     if found.is_empty() { findings(true) } else { found }
-}
-
-fn rate(trace: &SpatialTrace) -> Option<Finding> {
-    let instants = &trace.recording.instants;
-    let mut steps_s: Vec<f64> = instants.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    let step_s = median(&mut steps_s)?;
-    let rate_hz = trace.sidecar.rate_hz;
-    // Times are written in microseconds.
-    ((step_s * rate_hz - 1.0).abs() > RATE + 1e-6 * rate_hz).then(|| Finding {
-        place: "rate_hz",
-        found: format!("{rate_hz} with times that step {step_s:.6} s"),
-        expected: format!("steps of {:.6} s", 1.0 / rate_hz),
-        looks_like: "rate_hz or the unit of the times is wrong".into(),
-    })
 }
 
 fn velocity(trace: &SpatialTrace) -> Option<Finding> {

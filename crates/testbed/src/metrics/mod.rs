@@ -18,7 +18,9 @@ pub mod rows;
 mod scored;
 pub mod second;
 
-pub use scored::{Contact, GroundTruth, MOST_MISSING, START_UP_S, Scored, Trial, Unscored, first_touch_s};
+pub use scored::{
+    Contact, ContactCount, GroundTruth, MOST_MISSING, START_UP_S, Scored, Trial, Unscored, first_touch_s,
+};
 
 use serde::{Deserialize, Serialize};
 

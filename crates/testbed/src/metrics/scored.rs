@@ -51,18 +51,69 @@ impl Trial<'_> {
 
     /// The true contact in Base at a row.
     pub(super) fn true_contact(&self, row: usize) -> Option<Point<Base>> {
-        let contact = self.trace.truth.instants[row].contact?;
-        Some(self.trace.recording.instants[row].base.inverse().apply(contact))
+        true_contact(self.trace, row)
     }
 
     /// Whether a true contact, at `at` in Base, lies in the calibrated domain and not at the tip.
     fn is_calibrated(&self, at: Point<Base>, truth: &TruthInstant) -> bool {
-        truth.tip != Some(true) && self.face().is_some_and(|face| face.domain.contains(face.along_and_away(at)))
+        truth.tip != Some(true) && self.face().is_some_and(|face| is_in_domain(face, at))
     }
 
     /// Outline of an estimator's replay with these surface points from the row `since` on, see [`Contour::found`].
     pub fn contour(&self, replay: &Replay, points: &[SurfacePoint], since: usize) -> Option<Contour> {
         Contour::found(&self.trace.recording, replay.outline.as_ref(), points, since)
+    }
+}
+
+/// The true contact of a trace in Base at a row.
+fn true_contact(trace: &Trace, row: usize) -> Option<Point<Base>> {
+    let contact = trace.truth.instants[row].contact?;
+    Some(trace.recording.instants[row].base.inverse().apply(contact))
+}
+
+/// Whether a contact, at `at` in Base, lies in the calibrated domain of a face.
+fn is_in_domain(face: &CalibratedFace, at: Point<Base>) -> bool {
+    face.domain.contains(face.along_and_away(at))
+}
+
+/// Number of true contacts on the side of the whisker, at a single place and not at its tip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ContactCount {
+    /// All of them.
+    pub all: usize,
+    /// Those outside of the calibrated domain, at which no estimate is expected.
+    pub outside: usize,
+}
+
+impl ContactCount {
+    /// Contacts of a trace whose touched face has this calibration. `None` if it has none: all contacts are outside then.
+    pub fn of(trace: &Trace, face: Option<&CalibratedFace>) -> Self {
+        let truths = trace.truth.instants.iter().enumerate();
+        let single = truths.filter(|(_, truth)| truth.split != Some(true) && truth.tip != Some(true));
+        let contacts = single.filter_map(|(row, _)| true_contact(trace, row));
+        contacts.map(|at| face.is_some_and(|face| is_in_domain(face, at))).collect()
+    }
+
+    /// Adds the contacts of another trace.
+    pub fn add(&mut self, other: Self) {
+        self.all += other.all;
+        self.outside += other.outside;
+    }
+
+    /// Share of the contacts that lie outside. 0 without contacts.
+    pub fn share_outside(&self) -> f64 {
+        if self.all == 0 { 0.0 } else { self.outside as f64 / self.all as f64 }
+    }
+}
+
+/// From whether each contact lies in the calibrated domain.
+impl FromIterator<bool> for ContactCount {
+    fn from_iter<T: IntoIterator<Item = bool>>(inside: T) -> Self {
+        let mut count = Self::default();
+        for is_inside in inside {
+            count.add(Self { all: 1, outside: usize::from(!is_inside) });
+        }
+        count
     }
 }
 

@@ -15,7 +15,7 @@ use super::rows::SpatialTrialRow;
 use super::solid::Solid;
 use super::to_base;
 use crate::consistency::SPATIAL_NEES_FREEDOM;
-use crate::metrics::doubt;
+use crate::metrics::{ContactCount, doubt};
 use crate::statistics;
 
 /// Time after the touch from which estimates are scored.
@@ -42,16 +42,19 @@ pub struct SpatialTrial {
     solid: Option<Solid>,
 }
 
-/// As [`SpatialTrial::expected`].
-fn expected(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> Vec<bool> {
+/// Whether the true contact at each instant lies in the calibrated domain. `None` if it is unknown, at the tip or at several places.
+fn in_domain(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> impl Iterator<Item = Option<bool>> {
     let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
-    let is_expected = |(known, truth): (&SpatialInstant, &SpatialTruthInstant)| {
-        truth.contact_m().is_some_and(|contact_m| {
-            let at = calibrated.around(to_base(&known.base).apply(Point::from_vector(contact_m)));
-            truth.is_single() && calibrated.domain.contains(at)
-        })
-    };
-    instants.map(is_expected).collect()
+    instants.map(|(known, truth): (&SpatialInstant, &SpatialTruthInstant)| {
+        let contact_m = truth.contact_m().filter(|_| truth.is_single())?;
+        let at = calibrated.around(to_base(&known.base).apply(Point::from_vector(contact_m)));
+        Some(calibrated.domain.contains(at))
+    })
+}
+
+/// Number of true contacts of a trace in and outside of the calibrated domain.
+pub fn contact_count(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> ContactCount {
+    in_domain(trace, calibrated).flatten().collect()
 }
 
 /// Sums of squared errors over a replay.
@@ -94,7 +97,7 @@ impl SpatialTrial {
         let solid = trace.sidecar.scene.get("solid").and_then(Solid::of_scene);
         let object = TrueObject::of(&trace, solid.as_ref());
         let bound = bound(&trace, calibrated, object.as_ref(), *noise_sd_n_m);
-        let expected = expected(&trace, calibrated);
+        let expected = in_domain(&trace, calibrated).map(|inside| inside == Some(true)).collect();
         Self { knowledge, bound, expected, object, solid, trace }
     }
 

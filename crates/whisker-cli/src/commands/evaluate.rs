@@ -318,6 +318,7 @@ fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<Exit
     if !evaluated.unscored.is_empty() {
         eprintln!("not scored, since their true contact is not known: {}", evaluated.unscored.join(", "));
     }
+    evaluated.remarks.lines().iter().for_each(|remark| eprintln!("note: {remark}"));
     Ok(code)
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::bail;
+use evaluation::plausibility::{Finding, TimeSteps};
 use serde_json::Value;
 use testbed::dataset::calibrations;
 use testbed::fitted_traces::{check_fitted_traces, check_is_calibration};
@@ -87,6 +88,8 @@ pub(super) struct Played {
     pub(super) knowledge: Arc<Knowledge>,
     /// Readings of the front end.
     pub(super) reader: Reader,
+    /// Contradiction between its sampling rate and its times, if there is one.
+    pub(super) rate: Option<Finding>,
     row: &'static EstimatorRow,
     config: Value,
     seed: u64,
@@ -144,12 +147,15 @@ impl Arguments {
         let gate = calibration.gate();
         // The first pass checks the whole trace, so that no output is written for a damaged one.
         let mut largest: f64 = 0.0;
+        let mut steps = TimeSteps::default();
         for row in rows {
-            let moment_n_m = row?.0.moment_z_n_m;
+            let Instant { t_s, moment_z_n_m: moment_n_m, .. } = row?.0;
+            steps.push(t_s);
             if gate.admits(moment_n_m) {
                 largest = largest.max(moment_n_m.abs());
             }
         }
+        let rate = steps.contradict(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()));
         let noise = self.noise.unwrap_or_else(|| front_end.row.default_noise(&sidecar));
         let added_sd_n_m = noise * largest;
         let reader = match front_end.reader(&sidecar, added_sd_n_m, self.seed) {
@@ -163,7 +169,7 @@ impl Arguments {
             }
         };
         let knowledge = knowledge(&sidecar, &faces, noise_sd_n_m(added_sd_n_m, sensor, &sidecar));
-        Ok(Played { path, sidecar, calibration: of_whisker, knowledge, reader, row, config, seed: self.seed })
+        Ok(Played { path, sidecar, calibration: of_whisker, knowledge, reader, rate, row, config, seed: self.seed })
     }
 }
 

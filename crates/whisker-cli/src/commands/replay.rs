@@ -4,6 +4,8 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use evaluation::plausibility::Finding;
+use evaluation::remarks::on_rate;
 use files::{AtomicFile, check_replaces_own};
 use testbed::front_end::Reader;
 use testbed::replay::Steps;
@@ -84,7 +86,13 @@ fn replay(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for note in tally.notes(&played.knowledge, &played.calibration) {
         eprintln!("{note}");
     }
+    note_rate(&played.sidecar.name, played.rate.as_ref());
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints a note if the sampling rate of a trace contradicts its times.
+pub(super) fn note_rate(trace: &str, rate: Option<&Finding>) {
+    rate.iter().for_each(|finding| eprintln!("note: {}", on_rate(trace, finding)));
 }
 
 /// Progress of a replay. `None` if the table itself is written to the terminal.

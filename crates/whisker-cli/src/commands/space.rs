@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use anyhow::bail;
 use evaluation::participant::Program;
+use evaluation::plausibility::{contradicted_rate, contradicted_rate_in_space};
 use evaluation::space::evaluate::SpatialEvaluateSettings;
 use evaluation::space::evaluate_into;
 use evaluation::space::fit::{SpatialFitSettings, SpatialFitted, fit};
@@ -29,7 +30,7 @@ use super::fit::{NO_SENSOR, note_noise};
 use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
-use super::replay::few_estimates;
+use super::replay::{few_estimates, note_rate};
 use super::{print, table};
 
 /// Largest held-out error of a sensor model, relative to the largest reading, that a correct calibration has.
@@ -180,7 +181,7 @@ pub(super) fn replay_in_space(
     out: Option<&Path>,
 ) -> anyhow::Result<ExitCode> {
     // A planar trace is given with a calibration in space, by `--space`.
-    let (read, noise, lifted_by) = match calibration {
+    let (read, noise, lifted_by, rate) = match calibration {
         Some(calibration) if !is_spatial(trace)? => {
             let file = read_calibration(calibration)?;
             let SpatialCalibrationFile { whisker, suspension, poisson_ratio, .. } = &file;
@@ -188,12 +189,14 @@ pub(super) fn replay_in_space(
             // The number of segments is one of the simulated chain, which in space has fewer; it is no property of the wire.
             planar.sidecar.whisker.segments = whisker.segments;
             let noise = ReplayNoise::of_planar(&planar.sidecar, &options.front_end)?;
-            (SpatialTrace::lifted(&planar, *suspension, *poisson_ratio), noise, Some(file))
+            let rate = contradicted_rate(&planar);
+            (SpatialTrace::lifted(&planar, *suspension, *poisson_ratio), noise, Some(file), rate)
         }
         _ => {
             let read = SpatialTrace::read(trace)?;
             let noise = ReplayNoise::of(&read.sidecar, &options.front_end)?;
-            (read, noise, None)
+            let rate = contradicted_rate_in_space(&read);
+            (read, noise, None, rate)
         }
     };
     let default = || calibration_of(trace, &read.sidecar.whisker.name, &options.front_end);
@@ -243,6 +246,7 @@ pub(super) fn replay_in_space(
     } else if let Some(remark) = few_estimates(touching, estimates, &calibration.display().to_string()) {
         eprintln!("{remark}");
     }
+    note_rate(&read.sidecar.name, rate.as_ref());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -279,6 +283,7 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
             "note: not scored, since no known contact lies in the calibrated domain a second after a touch or later: {names}"
         );
     }
+    written.remarks.lines().iter().for_each(|remark| eprintln!("note: {remark}"));
     for SpatialTimesRow { estimator, mean_us, p99_us, .. } in written.times.iter().filter(|_| written.is_new) {
         match mean_us.zip(*p99_us) {
             Some((mean_us, p99_us)) => {

@@ -1,0 +1,87 @@
+//! Remarks on the trials of an evaluation: what a user must know of them besides the scores.
+
+use std::collections::BTreeMap;
+
+use testbed::metrics::ContactCount;
+use testbed::results::SetName;
+
+use crate::plausibility::Finding;
+
+/// Share of the contacts of a set outside of the calibrated domain above which it is remarked.
+const MOST_OUTSIDE: f64 = 0.1;
+
+/// Remarks on the trials of an evaluation, in the plane or in space.
+#[derive(Clone, Debug, Default)]
+pub struct TrialRemarks {
+    /// Traces whose sampling rate contradicts their times, by name.
+    pub rates: Vec<(String, Finding)>,
+    /// True contacts of each set, and those of them that no score of the calibrated domain counts.
+    pub contacts: BTreeMap<SetName, ContactCount>,
+}
+
+impl TrialRemarks {
+    /// The remarks, one line each.
+    pub fn lines(&self) -> Vec<String> {
+        self.on_rates().into_iter().chain(self.on_contacts()).collect()
+    }
+
+    fn on_rates(&self) -> Option<String> {
+        let ((first, finding), others) = self.rates.split_first()?;
+        let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
+        let others = if names.is_empty() { String::new() } else { format!("; so it is in {}", names.join(", ")) };
+        Some(format!("{}{others}", on_rate(first, finding)))
+    }
+
+    fn on_contacts(&self) -> Option<String> {
+        let outside = self.contacts.iter().filter(|(_, count)| count.share_outside() > MOST_OUTSIDE);
+        let of_set = |(SetName { group, whisker }, count): (&SetName, &ContactCount)| {
+            format!("{:.0} % of {} of `{group}` with `{whisker}`", 100.0 * count.share_outside(), count.all)
+        };
+        let sets: Vec<String> = outside.map(of_set).collect();
+        (!sets.is_empty()).then(|| {
+            format!(
+                "contacts outside the calibrated domain: found {}, expected at most {:.0} %: `answered` does not count them; calibrate \
+                 where the whisker is touched, or compare frames and units by `whisker check`",
+                sets.join(", "),
+                100.0 * MOST_OUTSIDE
+            )
+        })
+    }
+}
+
+/// Remark on the sampling rate of a trace that contradicts its times.
+pub fn on_rate(trace: &str, finding: &Finding) -> String {
+    format!("{trace}: {finding}; the estimators rely on rate_hz")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plausibility::TimeSteps;
+
+    #[test]
+    fn verif_rates_and_contacts_are_one_remark_each() {
+        let steps: TimeSteps = (0..100).map(|row| 0.004 * f64::from(row)).collect();
+        let finding = steps.contradict(2500.0, None).unwrap();
+        let set = |group: &str| SetName { group: group.into(), whisker: "straight".into() };
+        let remarks = TrialRemarks {
+            rates: ["pin_0", "pin_1"].map(|name| (name.into(), finding.clone())).into(),
+            contacts: [
+                (set("inside"), ContactCount { all: 100, outside: 10 }),
+                (set("outside"), ContactCount { all: 200, outside: 180 }),
+                (set("free"), ContactCount::default()),
+            ]
+            .into(),
+        };
+        let [rates, contacts] = &remarks.lines()[..] else { panic!("{remarks:?}") };
+        assert!(
+            rates.starts_with("pin_0: rate_hz: found 2500 with") && rates.ends_with("; so it is in pin_1"),
+            "{rates}"
+        );
+        assert!(
+            contacts.contains("found 90 % of 200 of `outside` with `straight`, expected at most 10 %"),
+            "{contacts}"
+        );
+        assert_eq!(TrialRemarks::default().lines(), [""; 0]);
+    }
+}
