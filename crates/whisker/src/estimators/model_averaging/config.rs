@@ -56,7 +56,7 @@ pub(in crate::estimators) struct Config {
     pub mean_evidence: f64,
     /// Mean time between changes of the right candidate.
     pub sojourn_s: f64,
-    /// Probability of a candidate below which it does not count for the estimate.
+    /// Probability of a candidate, relative to that of the most probable one, below which it does not count for the estimate.
     pub ignored_share: f64,
     /// Largest distance outside of the calibrated domain at which an estimate is stated; up to there the distance is
     /// added to its standard deviation. Smoothed estimates are stated anywhere.
@@ -74,20 +74,22 @@ pub(in crate::estimators) struct Config {
 
 impl Default for Config {
     /// The more flexible a candidate, the smaller its prior: `ukf` assumes a thin object, `sliding` a constant radius of
-    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction,
-    /// `drifting` also an object that moves, whose velocity can explain errors of any other model; `installed` also doubts the
-    /// calibration, with an even chance nearly, and is considered. Odds and powers were chosen on the training suite of random
-    /// scenes and on the standard suite, those of `drifting` also on the suite `hollow`. Readings before a touch are averaged, so that
-    /// its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings for
-    /// inertia and leave out those at the tip: a candidate that used them would state a wrong contact there.
+    /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction, `drifting`
+    /// also an object that moves, whose velocity can explain errors of any other model; `installed` also doubts the calibration,
+    /// with an even chance nearly, and is considered. Odds and powers were chosen on the training suite of random scenes and on the
+    /// standard suite, those of `rubbing` and `drifting` also on the training suite of random contacts. The prior probabilities of
+    /// these two are below `ignored_share`: they do not move the estimate before there is evidence for them. Readings before a
+    /// touch are averaged, so that its first step is short; the belief of an object is kept from touch to touch; all candidates
+    /// correct the readings for inertia and leave out those at the tip: a candidate that used them would state a wrong contact
+    /// there.
     fn default() -> Self {
         let mut average = Self::among([
             ("ukf", 20.0),
             ("round", 10.0),
             ("sliding", 3.0),
             ("outline", 10.0),
-            ("rubbing", 0.01),
-            ("drifting", 0.01),
+            ("rubbing", 0.3),
+            ("drifting", 0.3),
         ]);
         for candidate in
             average.candidates.iter_mut().filter(|candidate| ["ukf", "sliding"].contains(&candidate.name.as_str()))

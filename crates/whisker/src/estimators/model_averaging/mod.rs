@@ -117,7 +117,7 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
 }
 
 /// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
-const LIKELY_MOVING_SHARE: f64 = 0.5;
+const LIKELY_MOVING_SHARE: f64 = 0.95;
 
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;

@@ -9,7 +9,7 @@ use crate::estimators::second::Found;
 use crate::frames::{Base, Point};
 
 /// Probability of a moving object above which the places that were touched may have moved too.
-const MAY_MOVE_SHARE: f64 = 0.1;
+const MAY_MOVE_SHARE: f64 = 0.9;
 
 /// Probability of friction above which a change of the readings is no evidence of a second contact: friction changes them as the motion
 /// reverses.

@@ -465,3 +465,15 @@ fn verif_a_candidate_without_evidence_keeps_its_probability() {
     assert!((shares[0] - 0.3).abs() < 1e-12, "{shares:?}");
     assert!((shares[1] / shares[2] - 2.0 * (-1.0_f64).exp()).abs() < 1e-9, "{shares:?}");
 }
+
+#[test]
+fn verif_candidates_of_friction_and_motion_do_not_count_without_evidence() {
+    let config = Config::default();
+    let deciding = || config.candidates.iter().filter(|candidate| !candidate.considered);
+    let most = deciding().map(|candidate| candidate.weight).fold(0.0, f64::max);
+    let is_rare = |candidate: &&Candidate| ["rubbing", "drifting"].contains(&candidate.name.as_str());
+    for candidate in deciding() {
+        let counts = candidate.weight >= config.ignored_share * most;
+        assert_eq!(counts, !is_rare(&candidate), "{}", candidate.name);
+    }
+}
