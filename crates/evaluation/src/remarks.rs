@@ -10,6 +10,9 @@ use crate::plausibility::Finding;
 /// Share of the contacts of a set outside of the calibrated domain above which it is remarked.
 const MOST_OUTSIDE: f64 = 0.1;
 
+/// Largest number of sets or traces that a remark names.
+const MOST_NAMED: usize = 5;
+
 /// Remarks on the trials of an evaluation, in the plane or in space.
 #[derive(Clone, Debug, Default)]
 pub struct TrialRemarks {
@@ -27,8 +30,8 @@ impl TrialRemarks {
 
     fn on_rates(&self) -> Option<String> {
         let ((first, finding), others) = self.rates.split_first()?;
-        let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
-        let others = if names.is_empty() { String::new() } else { format!("; so it is in {}", names.join(", ")) };
+        let names: Vec<String> = others.iter().map(|(name, _)| name.clone()).collect();
+        let others = if names.is_empty() { String::new() } else { format!("; so it is in {}", named(&names)) };
         Some(format!("{}{others}", on_rate(first, finding)))
     }
 
@@ -42,11 +45,18 @@ impl TrialRemarks {
             format!(
                 "contacts outside the calibrated domain: found {}, expected at most {:.0} %: `answered` does not count them; calibrate \
                  where the whisker is touched, or compare frames and units by `whisker check`",
-                sets.join(", "),
+                named(&sets),
                 100.0 * MOST_OUTSIDE
             )
         })
     }
+}
+
+/// The first of some names, and the number of the others.
+fn named(names: &[String]) -> String {
+    let (first, others) = names.split_at(names.len().min(MOST_NAMED));
+    let others = if others.is_empty() { String::new() } else { format!(" and {} others", others.len()) };
+    first.join(", ") + &others
 }
 
 /// Remark on the sampling rate of a trace that contradicts its times.
@@ -83,5 +93,7 @@ mod tests {
             "{contacts}"
         );
         assert_eq!(TrialRemarks::default().lines(), [""; 0]);
+        let names = ["a", "b", "c", "d", "e", "f", "g"].map(String::from);
+        assert_eq!(named(&names), "a, b, c, d, e and 2 others");
     }
 }

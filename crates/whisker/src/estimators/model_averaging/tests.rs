@@ -469,11 +469,9 @@ fn verif_a_candidate_without_evidence_keeps_its_probability() {
 #[test]
 fn verif_candidates_of_friction_and_motion_do_not_count_without_evidence() {
     let config = Config::default();
-    let deciding = || config.candidates.iter().filter(|candidate| !candidate.considered);
-    let most = deciding().map(|candidate| candidate.weight).fold(0.0, f64::max);
-    let is_rare = |candidate: &&Candidate| ["rubbing", "drifting"].contains(&candidate.name.as_str());
-    for candidate in deciding() {
-        let counts = candidate.weight >= config.ignored_share * most;
-        assert_eq!(counts, !is_rare(&candidate), "{}", candidate.name);
+    let most = config.candidates.iter().map(|candidate| candidate.weight).fold(0.0, f64::max);
+    for candidate in config.candidates.iter().filter(|candidate| !candidate.considered) {
+        let is_rare = ["rubbing", "drifting"].contains(&candidate.name.as_str());
+        assert_eq!(candidate.weight < config.ignored_share * most, is_rare, "{}", candidate.name);
     }
 }
