@@ -10,15 +10,12 @@ use crate::plausibility::Finding;
 /// Share of the contacts of a set outside of the calibrated domain above which it is remarked.
 const MOST_OUTSIDE: f64 = 0.1;
 
-/// Largest number of sets or traces that a remark names.
-const MOST_NAMED: usize = 5;
-
 /// Remarks on the trials of an evaluation, in the plane or in space.
 #[derive(Clone, Debug, Default)]
 pub struct TrialRemarks {
     /// Traces whose sampling rate contradicts their times, by name.
     pub rates: Vec<(String, Finding)>,
-    /// True contacts of each set, and those of them that no score of the calibrated domain counts.
+    /// Number of true contacts of each set, and of those outside the calibrated domain.
     pub contacts: BTreeMap<SetName, ContactCount>,
 }
 
@@ -31,31 +28,35 @@ impl TrialRemarks {
     fn on_rates(&self) -> Option<String> {
         let ((first, finding), others) = self.rates.split_first()?;
         let names: Vec<String> = others.iter().map(|(name, _)| name.clone()).collect();
-        let others = if names.is_empty() { String::new() } else { format!("; so it is in {}", named(&names)) };
+        let others = if names.is_empty() {
+            String::new()
+        } else {
+            format!("; rate_hz also contradicts the times of {}", named(&names, 5))
+        };
         Some(format!("{}{others}", on_rate(first, finding)))
     }
 
     fn on_contacts(&self) -> Option<String> {
         let outside = self.contacts.iter().filter(|(_, count)| count.share_outside() > MOST_OUTSIDE);
         let of_set = |(SetName { group, whisker }, count): (&SetName, &ContactCount)| {
-            format!("{:.0} % of {} of `{group}` with `{whisker}`", 100.0 * count.share_outside(), count.all)
+            format!("{} of {} in `{group}` with `{whisker}`", count.outside, count.all)
         };
         let sets: Vec<String> = outside.map(of_set).collect();
         (!sets.is_empty()).then(|| {
             format!(
-                "contacts outside the calibrated domain: found {}, expected at most {:.0} %: `answered` does not count them; calibrate \
-                 where the whisker is touched, or compare frames and units by `whisker check`",
-                named(&sets),
-                100.0 * MOST_OUTSIDE
+                "many true contacts lie outside the calibrated domain: {}; `answered` does not count them: calibrate where the whisker is \
+                 touched, or check frames and units with `whisker check`",
+                named(&sets, 5)
             )
         })
     }
 }
 
-/// The first of some names, and the number of the others.
-fn named(names: &[String]) -> String {
-    let (first, others) = names.split_at(names.len().min(MOST_NAMED));
-    let others = if others.is_empty() { String::new() } else { format!(" and {} others", others.len()) };
+/// The first names, at most `most`, and the number of the others.
+pub fn named(names: &[impl AsRef<str>], most: usize) -> String {
+    let (first, others) = names.split_at(names.len().min(most));
+    let first: Vec<&str> = first.iter().map(AsRef::as_ref).collect();
+    let others = if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
     first.join(", ") + &others
 }
 
@@ -72,7 +73,7 @@ mod tests {
     #[test]
     fn verif_rates_and_contacts_are_one_remark_each() {
         let steps: TimeSteps = (0..100).map(|row| 0.004 * f64::from(row)).collect();
-        let finding = steps.contradict(2500.0, None).unwrap();
+        let finding = steps.contradiction_with(2500.0, None).unwrap();
         let set = |group: &str| SetName { group: group.into(), whisker: "straight".into() };
         let remarks = TrialRemarks {
             rates: ["pin_0", "pin_1"].map(|name| (name.into(), finding.clone())).into(),
@@ -85,15 +86,16 @@ mod tests {
         };
         let [rates, contacts] = &remarks.lines()[..] else { panic!("{remarks:?}") };
         assert!(
-            rates.starts_with("pin_0: rate_hz: found 2500 with") && rates.ends_with("; so it is in pin_1"),
+            rates.starts_with("pin_0: rate_hz: found 2500 with")
+                && rates.ends_with("; rate_hz also contradicts the times of pin_1"),
             "{rates}"
         );
         assert!(
-            contacts.contains("found 90 % of 200 of `outside` with `straight`, expected at most 10 %"),
+            contacts.contains("outside the calibrated domain: 180 of 200 in `outside` with `straight`; "),
             "{contacts}"
         );
         assert_eq!(TrialRemarks::default().lines(), [""; 0]);
-        let names = ["a", "b", "c", "d", "e", "f", "g"].map(String::from);
-        assert_eq!(named(&names), "a, b, c, d, e and 2 others");
+        assert_eq!(named(&["a", "b", "c"], 2), "a, b and 1 more");
+        assert_eq!(named(&["a", "b"], 2), "a, b");
     }
 }

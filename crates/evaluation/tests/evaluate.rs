@@ -424,5 +424,5 @@ fn robust_a_set_with_contacts_outside_of_the_calibrated_domain_is_remarked() {
     trace.write(traces.path()).unwrap();
     let remarks = evaluated(&dataset, results.path(), &[]).remarks.lines();
     let [remark] = &remarks[..] else { panic!("{remarks:?}") };
-    assert!(remark.contains("found 100 % of ") && remark.contains("expected at most 10 %"), "{remark}");
+    assert!(remark.starts_with("many true contacts lie outside the calibrated domain: "), "{remark}");
 }

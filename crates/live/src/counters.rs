@@ -46,7 +46,7 @@ pub struct Counters {
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
     pub jumps: u64,
-    /// Readings that follow the one before after half a second or more, as the nominal rate leads to expect.
+    /// Readings half a second or more after the one before, at a nominal rate that implies such steps.
     pub slow: u64,
 }
 
@@ -99,8 +99,8 @@ impl Counters {
         }
         if 2 * slow > readings {
             remarks.push(format!(
-                "{slow} of {readings} readings follow the one before after {SLOW_STEP_S} s or more, as rate_hz states; compare the unit \
-                 of the times, seconds, and rate_hz"
+                "{slow} of {readings} readings are {SLOW_STEP_S} s or more apart, in agreement with rate_hz; check that times are in \
+                 seconds and rate_hz in hertz"
             ));
         }
         remarks
@@ -151,7 +151,7 @@ mod tests {
             (Counters { gated: 300, unanswered: 200, ..good }, "300 of 490 readings are gated"),
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
             (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
-            (Counters { slow: 300, ..good }, "300 of 500 readings follow the one before after 0.5 s or more"),
+            (Counters { slow: 300, ..good }, "300 of 500 readings are 0.5 s or more apart"),
         ] {
             let remarks = counters.remarks();
             assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use files::{read_json, write_atomically};
-use testbed::results::files::{OUTLINE, RESIDUALS, RUN, SURFACE, evaluated};
+use testbed::results::files::{OUTLINE, RESIDUALS, RUN, SURFACE, evaluated_files};
 use testbed::results::{Run, RunCalibration, RunEstimator, RunNames, RunSet, SetName};
 use trace::Sidecar;
 
@@ -105,7 +105,7 @@ impl Prepared {
             self.sensors().flat_map(|sensor| self.front_end.table_files(sensor)).collect();
         let names = RunNames { run, outlined: &outlined, sensor_tables: &sensor_tables };
         read_json::<Run>(&RUN.path(folder)).is_ok_and(is_same)
-            && evaluated(&names).iter().all(|name| folder.join(name).is_file())
+            && evaluated_files(&names).iter().all(|name| folder.join(name).is_file())
     }
 
     /// Copies the inputs that the report draws, so that it needs the run alone.

@@ -169,7 +169,8 @@ impl Prepared {
         let gate = calibration.file.gate();
         self.remarks.rates.extend(contradicted_rate(&trace).map(|finding| (sidecar.name.clone(), finding)));
         let touched = calibration.faces(None).iter().find(|face| face.face == sidecar.face);
-        let contacts = ContactCount::of(&trace, touched.map(|face| &**face));
+        let set = SetName { group: sidecar.group.clone(), whisker: whisker.clone() };
+        self.remarks.contacts.entry(set).or_default().add(ContactCount::of(&trace, touched.map(|face| &**face)));
         let mut admitted = trace.moments_n_m();
         let rows = admitted.len();
         admitted.retain(|moment_n_m| gate.admits(*moment_n_m));
@@ -179,28 +180,21 @@ impl Prepared {
         }
         if settings.starts == Starts::Wrong {
             for (sidecar, prior) in starts::wrong(&trace) {
-                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, contacts, settings)?;
+                self.add(spec.with(sidecar, None, Some(prior)), largest_n_m, settings)?;
             }
         }
         for (sidecar, member) in arrays.trials(folder, &trace, &settings.encoders)? {
-            self.add(spec.with(sidecar, member, None), largest_n_m, contacts, settings)?;
+            self.add(spec.with(sidecar, member, None), largest_n_m, settings)?;
         }
         Ok(())
     }
 
     /// Adds a trial with each of the miscalibrations.
-    fn add(
-        &mut self,
-        trial: TrialSpec,
-        largest_n_m: f64,
-        contacts: ContactCount,
-        settings: &EvaluateSettings,
-    ) -> anyhow::Result<()> {
+    fn add(&mut self, trial: TrialSpec, largest_n_m: f64, settings: &EvaluateSettings) -> anyhow::Result<()> {
         for trial in trial.miscalibrated(&settings.miscalibrations)? {
             trial.check_noise(self.noise_unit)?;
             let largest = self.largest_readings_n_m.entry(trial.set()).or_default();
             *largest = largest.max(largest_n_m);
-            self.remarks.contacts.entry(trial.set()).or_default().add(contacts);
             self.trials.push(trial);
         }
         Ok(())

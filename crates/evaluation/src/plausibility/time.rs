@@ -40,11 +40,7 @@ impl TimeSteps {
     pub fn push(&mut self, t_s: f64) {
         let Some(last_s) = self.last_s.replace(t_s) else { return };
         if self.steps_s.len() == MOST_STEPS {
-            let mut is_odd = true;
-            self.steps_s.retain(|_| {
-                is_odd = !is_odd;
-                !is_odd
-            });
+            self.steps_s = self.steps_s.iter().step_by(2).copied().collect();
             self.stride *= 2;
         }
         if self.count.is_multiple_of(self.stride) {
@@ -55,7 +51,7 @@ impl TimeSteps {
 
     /// Compares the median time step with the sampling rate `rate_hz` (Hz). Single gaps have no influence. `clock` is that of a
     /// recording (`recorded.clock`). `None` if they agree, or there are no steps.
-    pub fn contradict(mut self, rate_hz: f64, clock: Option<&str>) -> Option<Finding> {
+    pub fn contradiction_with(mut self, rate_hz: f64, clock: Option<&str>) -> Option<Finding> {
         let step_s = median(&mut self.steps_s)?;
         let over = step_s * rate_hz;
         let is_thinned = over > 1.0 && clock.is_some_and(|clock| clock.starts_with(NOMINAL));
@@ -89,14 +85,14 @@ impl FromIterator<f64> for TimeSteps {
 pub fn contradicted_rate(trace: &Trace) -> Option<Finding> {
     let steps: TimeSteps = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
     let sidecar = &trace.sidecar;
-    steps.contradict(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
+    steps.contradiction_with(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
 }
 
 /// As [`contradicted_rate`], of a trace in space.
 pub fn contradicted_rate_in_space(trace: &SpatialTrace) -> Option<Finding> {
     let steps: TimeSteps = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
     let sidecar = &trace.sidecar;
-    steps.contradict(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
+    steps.contradiction_with(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
 }
 
 /// As [`contradicted_rate`], as a test of the registry.
@@ -112,8 +108,8 @@ mod tests {
     fn verif_steps_of_a_long_trace_are_compared_in_bounded_memory() {
         let steps: TimeSteps = (0..20 * MOST_STEPS).map(|row| 0.004 * row as f64).collect();
         assert!(steps.steps_s.len() <= MOST_STEPS && steps.steps_s.len() > MOST_STEPS / 2);
-        assert_eq!(steps.clone().contradict(250.0, None), None);
-        let found = steps.contradict(2500.0, None).unwrap().to_string();
+        assert_eq!(steps.clone().contradiction_with(250.0, None), None);
+        let found = steps.contradiction_with(2500.0, None).unwrap().to_string();
         assert!(
             found.starts_with("rate_hz: found 2500 with times that step 0.004000 s, expected steps of 0.000400 s"),
             "{found}"
@@ -123,10 +119,10 @@ mod tests {
     #[test]
     fn verif_gaps_and_thinned_rows_of_a_nominal_clock_agree_with_the_rate() {
         let with_gaps = (0..100).map(|row| 0.004 * f64::from(row) + f64::from(row / 10));
-        assert_eq!(with_gaps.collect::<TimeSteps>().contradict(250.0, None), None);
+        assert_eq!(with_gaps.collect::<TimeSteps>().contradiction_with(250.0, None), None);
         let thinned: TimeSteps = (0..100).map(|row| 0.02 * f64::from(row)).collect();
-        assert_eq!(thinned.clone().contradict(250.0, Some("nominal, 250 Hz")), None);
-        assert!(thinned.contradict(250.0, Some("stamps")).is_some());
-        assert_eq!(TimeSteps::from_iter([0.0]).contradict(250.0, None), None);
+        assert_eq!(thinned.clone().contradiction_with(250.0, Some("nominal, 250 Hz")), None);
+        assert!(thinned.contradiction_with(250.0, Some("stamps")).is_some());
+        assert_eq!(TimeSteps::from_iter([0.0]).contradiction_with(250.0, None), None);
     }
 }

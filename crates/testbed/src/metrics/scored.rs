@@ -86,7 +86,7 @@ pub struct ContactCount {
 }
 
 impl ContactCount {
-    /// Contacts of a trace whose touched face has this calibration. `None` if it has none: all contacts are outside then.
+    /// Counts the contacts of a trace. `face` is the calibration of the touched face; without one, all contacts lie outside.
     pub fn of(trace: &Trace, face: Option<&CalibratedFace>) -> Self {
         let truths = trace.truth.instants.iter().enumerate();
         let single = truths.filter(|(_, truth)| truth.split != Some(true) && truth.tip != Some(true));

@@ -344,14 +344,14 @@ pub fn run_file(registry: &'static [RunFile], path: &Path) -> Option<&'static Ru
 }
 
 /// Paths in the folder of a run in the plane of all files that `whisker evaluate` writes.
-pub fn evaluated(names: &RunNames<'_>) -> Vec<String> {
+pub fn evaluated_files(names: &RunNames<'_>) -> Vec<String> {
     RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).flat_map(|file| file.instances(names)).collect()
 }
 
-/// Paths in the folder of a run in the plane of the files that `whisker evaluate` writes whatever the inputs are. Trials with failures
-/// may lack some of their files; if the table of failures cannot be read, those of all trials are left out. So are outlines and tables
-/// of sensors, which `run.json` does not state.
-pub fn always_evaluated(run: &Run, folder: &Path) -> Vec<String> {
+/// Paths in the folder of a run in the plane of the files that the run must have, as far as `run.json` and the table of failures state.
+/// Trials with failures may lack some of their files; if the table of failures cannot be read, those of all trials are left out. So are
+/// outlines and tables of sensors, which `run.json` does not state.
+pub fn certain_files(run: &Run, folder: &Path) -> Vec<String> {
     let mut run = run.clone();
     let failed: Option<BTreeSet<String>> = read_rows::<FailureRow>(&FAILURES.path(folder))
         .ok()
@@ -359,7 +359,7 @@ pub fn always_evaluated(run: &Run, folder: &Path) -> Vec<String> {
     let is_whole = |trace: &String| failed.as_ref().is_some_and(|failed| !failed.contains(trace));
     run.sets.iter_mut().for_each(|set| set.traces.retain(is_whole));
     run.recordings.retain(|recording| recording.whiskers.iter().all(|whisker| is_whole(&whisker.trace)));
-    evaluated(&RunNames { run: &run, outlined: &[], sensor_tables: &BTreeSet::new() })
+    evaluated_files(&RunNames { run: &run, outlined: &[], sensor_tables: &BTreeSet::new() })
 }
 
 /// The list of a run's files in FORMAT.md, as a Markdown table.

@@ -5,13 +5,14 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use evaluation::plausibility::{Subject, spatial_findings};
+use evaluation::remarks::named;
 use files::read_json;
 use recorded::benchmark::{FaceScore, MapScore, PinSummary, SettingsUsed, SweepScore};
 use recorded::pins::PinScore;
 use serde_json::Value;
 use testbed::dataset::{Dataset, calibrations};
 use testbed::front_end::FRONT_ENDS;
-use testbed::results::files::{self as plane, Rows, RunFile, always_evaluated, run_file};
+use testbed::results::files::{self as plane, Rows, RunFile, certain_files, run_file};
 use testbed::results::{RUN_FILES, ResultsKind, Run, read_rows};
 use testbed::space::files::{self as space, SPATIAL_RUN_FILES};
 use testbed::space::run::SpatialRun;
@@ -102,7 +103,10 @@ fn check(path: &Path) -> anyhow::Result<String> {
         return Ok(found);
     }
     if [plane::RUN.name, space::RUN.name].contains(&&*name) && !path.exists() {
-        bail!("{}: no such file, expected the description of the run; {AGAIN}", path.display());
+        bail!(
+            "{}: no such file, expected the description of the run; restore it, or move the folder away and evaluate again",
+            path.display()
+        );
     }
     if name == space::RUN.name {
         let run: SpatialRun = read_json(path)?;
@@ -129,7 +133,7 @@ fn check(path: &Path) -> anyhow::Result<String> {
         Some("calibration") => check_calibration(path),
         Some("run") => {
             let run = Run::read(path)?;
-            let expected = always_evaluated(&run, path.parent().unwrap_or(Path::new("")));
+            let expected = certain_files(&run, path.parent().unwrap_or(Path::new("")));
             let extent = check_run_files(path, &expected, plane::TRIALS)?;
             Ok(format!("run `{}` of {} estimators{extent}", run.name, run.estimators.len()))
         }
@@ -139,9 +143,6 @@ fn check(path: &Path) -> anyhow::Result<String> {
         None => check_without_kind(path, &value),
     }
 }
-
-/// What to do about a run that lacks files.
-const AGAIN: &str = "run the same `whisker evaluate` again";
 
 /// Largest number of missing files that an error names.
 const MOST_NAMED: usize = 20;
@@ -161,15 +162,10 @@ fn check_run_files(description: &Path, expected: &[String], trials: RunFile) -> 
     if !there.iter().any(|name| **name == trials.name || name.contains('/')) {
         return Ok(", an excerpt without its trials");
     }
-    let named: Vec<&str> = missing.iter().take(MOST_NAMED).map(|name| name.as_str()).collect();
-    let further = match missing.len() - named.len() {
-        0 => String::new(),
-        count => format!(" and {count} others"),
-    };
     bail!(
-        "{}: found a run without {}{further}, expected all files of the run; {AGAIN}",
+        "{}: found a run without {}, expected all files of the run; run the same `whisker evaluate` again",
         description.display(),
-        named.join(", ")
+        named(&missing, MOST_NAMED)
     )
 }
 

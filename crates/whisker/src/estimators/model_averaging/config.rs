@@ -77,11 +77,10 @@ impl Default for Config {
     /// centimetres, `round` one of any size, `outline` only a convex object, `rubbing` also a contact with friction, `drifting`
     /// also an object that moves, whose velocity can explain errors of any other model; `installed` also doubts the calibration,
     /// with an even chance nearly, and is considered. Odds and powers were chosen on the training suite of random scenes and on the
-    /// standard suite, those of `rubbing` and `drifting` also on the training suite of random contacts. The prior probabilities of
-    /// these two are below `ignored_share`: they do not move the estimate before there is evidence for them. Readings before a
-    /// touch are averaged, so that its first step is short; the belief of an object is kept from touch to touch; all candidates
-    /// correct the readings for inertia and leave out those at the tip: a candidate that used them would state a wrong contact
-    /// there.
+    /// standard suite, those of `rubbing` and `drifting` also on random contacts. The prior probabilities of these two, relative to
+    /// the largest, are below `ignored_share`: at first they do not count for the estimate. Readings before a touch are averaged,
+    /// so that its first step is short; the belief of an object is kept from touch to touch; all candidates correct the readings
+    /// for inertia and leave out those at the tip: a candidate that used them would state a wrong contact there.
     fn default() -> Self {
         let mut average = Self::among([
             ("ukf", 20.0),

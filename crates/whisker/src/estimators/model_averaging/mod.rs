@@ -45,7 +45,7 @@ use serde_json::{Map, Value};
 use self::alternative::{Alternative, Weighed};
 use self::config::Candidate;
 pub(super) use self::config::Config;
-use self::evidence::signals_motion;
+use self::evidence::{probably_moves, signals_motion};
 use super::block::{BlockMean, Blocks, Latecomers};
 use super::second::Second;
 use super::touched::TouchedPlaces;
@@ -116,9 +116,6 @@ fn build(config: Config, knowledge: &Arc<Knowledge>, looks_back: bool) -> Result
     Ok(Box::new(ModelAveraging { config: Arc::new(config), methods, alternative, noise_n2_m2, elastica }))
 }
 
-/// Probability of a moving object above which candidates for an object at rest discard their posterior at a new touch.
-const LIKELY_MOVING_SHARE: f64 = 0.95;
-
 /// Names and methods of the candidates.
 type Methods = Arc<[(&'static str, Box<dyn Method>)]>;
 
@@ -147,6 +144,7 @@ impl Method for ModelAveraging {
                 .map(|(settings, method)| Alternative::new(settings, self.config.gate_sds, method, touch)),
             right: Modes::new(weights.iter().copied()),
             doubtful: Doubtful::default(),
+            moves: false,
             signals_motion: false,
             second: Second::default(),
             touched: TouchedPlaces::new(self.elastica.clone(), touch.face.face),
@@ -177,6 +175,8 @@ struct AveragingTracker {
     /// Probabilities of the candidates.
     right: Modes,
     doubtful: Doubtful,
+    /// Whether the object probably moves.
+    moves: bool,
     /// Whether the signal that the object moves is raised.
     signals_motion: bool,
     second: Second,
@@ -228,9 +228,8 @@ impl AveragingTracker {
         if let Some(alternative) = &mut self.alternative {
             alternative.begin_again(touch);
         }
-        let moves = self.moving_share() > LIKELY_MOVING_SHARE;
         for (tracker, (_, method)) in self.trackers.iter_mut().zip(&*self.methods) {
-            let may_resume = tracker.assumes_motion() || !moves;
+            let may_resume = tracker.assumes_motion() || !self.moves;
             if !(may_resume && tracker.resume(touch)) {
                 *tracker = method.begin(touch);
             }
@@ -278,6 +277,7 @@ impl AveragingTracker {
         let jumps = self.trackers.iter().any(|tracker| tracker.refutes_convexity());
         self.trackers.iter_mut().for_each(|tracker| tracker.expect_jumps(jumps));
         let innovation = self.weigh(sample, count, &estimates);
+        self.moves = probably_moves(self.moves, self.moving_share());
         self.doubtful.advance(&self.config.doubt, sample.dt_s, innovation);
         if innovation.is_some() && self.shows_motion(&estimates) {
             self.signals_motion = signals_motion(self.signals_motion, self.moving_share());
@@ -386,7 +386,7 @@ impl Tracker for AveragingTracker {
             let estimate = alternative.expect_touch(&undetected)?;
             return self.near_the_domain(Estimate { model_doubtful: true, models: Some(self.shares()), ..estimate });
         }
-        if self.moving_share() > LIKELY_MOVING_SHARE {
+        if self.moves {
             return None;
         }
         let together = self.together(&estimates, None).map(|estimate| self.with_systematic(estimate, &estimates));

@@ -8,12 +8,9 @@ use crate::estimators::Estimate;
 use crate::estimators::second::Found;
 use crate::frames::{Base, Point};
 
-/// Probability of a moving object above which the places that were touched may have moved too.
-const MAY_MOVE_SHARE: f64 = 0.9;
-
 /// Probability of friction above which a change of the readings is no evidence of a second contact: friction changes them as the motion
 /// reverses.
-const LIKELY_RUBBING_SHARE: f64 = 0.5;
+const LIKELY_RUBBING_SHARE: f64 = 0.95;
 
 impl AveragingTracker {
     /// Advances the tests for a second contact. Returns whether the innovations raise the signal.
@@ -59,9 +56,7 @@ impl AveragingTracker {
     /// Whether a change of the readings at this estimate is evidence of a second contact: whether the contact is known, and neither a
     /// moving object nor friction is probable.
     fn is_known(&self, sd_m: f64) -> bool {
-        sd_m <= self.config.second.known_m
-            && self.moving_share() <= MAY_MOVE_SHARE
-            && self.rubbing_share() <= LIKELY_RUBBING_SHARE
+        sd_m <= self.config.second.known_m && !self.moves && self.rubbing_share() <= LIKELY_RUBBING_SHARE
     }
 
     /// A place that was touched before and on which the whisker with this contact bears.
@@ -71,7 +66,7 @@ impl AveragingTracker {
             self.touched.interrupt();
             return None;
         };
-        if self.moving_share() > MAY_MOVE_SHARE {
+        if self.moves {
             self.touched.forget();
         } else if self.second.is_raised() {
             self.touched.forget_latest();

@@ -25,6 +25,7 @@ fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
         alternative: None,
         right: Modes::new(shares),
         doubtful: Doubtful::default(),
+        moves: false,
         signals_motion: false,
         second: Second::default(),
         touched: TouchedPlaces::new(None, face.face),
@@ -467,11 +468,18 @@ fn verif_a_candidate_without_evidence_keeps_its_probability() {
 }
 
 #[test]
-fn verif_candidates_of_friction_and_motion_do_not_count_without_evidence() {
+fn verif_candidates_of_friction_and_motion_do_not_count_by_their_priors() {
     let config = Config::default();
     let most = config.candidates.iter().map(|candidate| candidate.weight).fold(0.0, f64::max);
     for candidate in config.candidates.iter().filter(|candidate| !candidate.considered) {
         let is_rare = ["rubbing", "drifting"].contains(&candidate.name.as_str());
         assert_eq!(candidate.weight < config.ignored_share * most, is_rare, "{}", candidate.name);
     }
+}
+
+#[test]
+fn verif_an_object_that_moved_still_moves_at_the_next_touch() {
+    assert!(!probably_moves(false, 0.5) && probably_moves(false, 0.95));
+    // The mean of certainty at the release and a small prior.
+    assert!(probably_moves(true, 0.5) && !probably_moves(true, 0.1));
 }
