@@ -64,8 +64,11 @@ pub(crate) const EVALUATION: Code = Code {
     sources: &[
         "crates/evaluation/src/distinct.rs",
         "crates/evaluation/src/evaluate",
+        "crates/evaluation/src/glitches.rs",
         "crates/evaluation/src/participant",
+        "crates/evaluation/src/plausibility",
         "crates/evaluation/src/provenance.rs",
+        "crates/evaluation/src/remarks.rs",
         "crates/evaluation/src/space/evaluate.rs",
         "crates/evaluation/src/space/participant.rs",
         "crates/evaluation/src/space/run.rs",

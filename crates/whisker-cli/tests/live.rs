@@ -163,7 +163,7 @@ fn robust_streams_that_look_wrong_are_noted_at_their_end() {
     assert!(fast.contains("compare rate_hz with the times of the readings"), "{fast}");
     let milliseconds = noted_at(0.25, 1.0, 1e3);
     assert!(
-        milliseconds.contains("left: note: ") && milliseconds.contains("compare the unit of the times"),
+        milliseconds.contains("left: note: ") && milliseconds.contains("check that times are in seconds"),
         "{milliseconds}"
     );
 }
