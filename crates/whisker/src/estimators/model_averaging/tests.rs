@@ -185,16 +185,16 @@ impl Method for Anew {
 #[test]
 fn verif_candidates_at_rest_restart_at_a_new_touch_if_the_object_probably_moves() {
     let knowledge = knowledge();
-    let has_restarted = |moves| {
-        let mut tracker = tracker([0.5, 0.5], &knowledge.faces[0]);
-        tracker.moves = moves;
+    let has_restarted = |shares: [f64; 2]| {
+        let mut tracker = tracker(shares, &knowledge.faces[0]);
         tracker.considered = vec![false, false];
         tracker.methods = Arc::new([("keeper", Box::new(Anew)), ("mover", Box::new(Anew))]);
         tracker.trackers = vec![Box::new(Keeper), Box::new(Mover)];
+        tracker.moves = probably_moves(false, tracker.moving_share());
         tracker.begin_again();
         tracker.trackers[0].outline().is_some()
     };
-    assert!(has_restarted(true) && !has_restarted(false));
+    assert!(has_restarted([0.05, 0.95]) && !has_restarted([0.6, 0.4]));
 }
 
 /// A candidate that shows a contact with the object of the last touch.
