@@ -13,11 +13,11 @@ use testbed::consistency::{ErrorConsistency, SPATIAL_NEES_FREEDOM, TrialErrors};
 use testbed::dataset::Dataset;
 use testbed::fitted_traces::{check_fitted_to_all, check_is_calibration};
 use testbed::front_end::{FrontEndConfig, SpatialFrontEnd};
-use testbed::results::{FailureRow, write_rows};
+use testbed::results::{FailureRow, SetName, write_rows};
 use testbed::space::files::ESTIMATES;
 use testbed::space::replay::{calibrated, knowledge, read_fitted, samples};
 use testbed::space::rows::{SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
-use testbed::space::trial::SpatialTrial;
+use testbed::space::trial::{SpatialTrial, contact_count};
 use testbed::space::{largest_reading_n_m, spatial_estimate_row};
 use testbed::statistics;
 use trace::{Role, SpatialCalibrationFile, SpatialSensor, SpatialSidecar, SpatialTrace};
@@ -26,6 +26,8 @@ use whisker::space::sensor::CalibratedSpace;
 use super::participant::{Participant, participants};
 use crate::evaluate::OTHERS;
 use crate::participant::{Program, SpatialTask};
+use crate::plausibility::contradicted_rate_in_space;
+use crate::remarks::TrialRemarks;
 
 /// Largest number of instants of a trial whose estimates a run keeps.
 const KEPT: usize = 400;
@@ -103,6 +105,15 @@ pub struct SpatialEvaluated {
     pub times: Vec<SpatialTimesRow>,
     /// Trials on which an external program failed.
     pub failures: Vec<FailureRow>,
+    /// Remarks on the trials.
+    pub remarks: TrialRemarks,
+}
+
+/// The trace of a trial, the sensor model of its whisker, and the calibration of the front end's sensor, if it has one.
+pub(super) struct CalibratedTrial<'a> {
+    trace: SpatialTrace,
+    calibrated: Arc<CalibratedSpace>,
+    sensor: Option<&'a SpatialSensor>,
 }
 
 /// A trial and how its readings are made.
@@ -146,7 +157,9 @@ pub(super) fn evaluate_keeping(
 ) -> anyhow::Result<SpatialEvaluated> {
     let participants = participants(settings)?;
     let front_end = SpatialFrontEnd::new(&settings.front_end)?;
-    let prepared = prepared(dataset, settings, &front_end, calibrations)?;
+    let trials = calibrated_trials(dataset, &front_end, calibrations)?;
+    let remarks = remarks(&trials);
+    let prepared = prepared(trials, settings);
     settings.programs.iter().try_for_each(Program::check_starts)?;
     progress.set_length((prepared.len() * settings.seeds.len()) as u64);
     let work: Vec<(&Prepared<'_>, u64)> =
@@ -172,16 +185,18 @@ pub(super) fn evaluate_keeping(
         trials.push(trial);
         failures.extend(failure);
     }
-    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times, failures })
+    Ok(SpatialEvaluated { summary: summary(&trials)?, trials, times, failures, remarks })
 }
 
-fn prepared<'a>(
+/// Trials of a dataset, with the calibrations of their whiskers.
+///
+/// # Errors
+/// If there are none, a trace or calibration cannot be read, or they contradict each other or the front end.
+pub(super) fn calibrated_trials<'a>(
     dataset: &Dataset,
-    settings: &SpatialEvaluateSettings,
     front_end: &SpatialFrontEnd,
     calibrations: &'a Calibrations,
-) -> anyhow::Result<Vec<Prepared<'a>>> {
-    let mut whiskers: BTreeMap<String, (Arc<CalibratedSpace>, Option<&'a SpatialSensor>)> = BTreeMap::new();
+) -> anyhow::Result<Vec<CalibratedTrial<'a>>> {
     let mut traces: Vec<SpatialTrace> = Vec::new();
     for path in &dataset.paths {
         if SpatialSidecar::read(path)?.role == Role::Trial {
@@ -191,6 +206,7 @@ fn prepared<'a>(
     if traces.is_empty() {
         bail!("{}: found no traces with the role `{}`", dataset.folder.display(), Role::Trial.name());
     }
+    let mut whiskers: BTreeMap<String, (Arc<CalibratedSpace>, Option<&'a SpatialSensor>)> = BTreeMap::new();
     for trace in &traces {
         front_end.check_trace(&trace.sidecar)?;
         let name = &trace.sidecar.whisker.name;
@@ -206,20 +222,39 @@ fn prepared<'a>(
         let sensor = front_end.sensor(path, file)?;
         whiskers.insert(name.clone(), (calibrated(path, file, &trace.sidecar)?, sensor));
     }
+    let with_calibration = |trace: SpatialTrace| {
+        let (calibrated, sensor) = whiskers[&trace.sidecar.whisker.name].clone();
+        CalibratedTrial { trace, calibrated, sensor }
+    };
+    Ok(traces.into_iter().map(with_calibration).collect())
+}
+
+/// Remarks on trials.
+pub(super) fn remarks(trials: &[CalibratedTrial<'_>]) -> TrialRemarks {
+    let mut remarks = TrialRemarks::default();
+    for CalibratedTrial { trace, calibrated, .. } in trials {
+        let SpatialSidecar { name, group, whisker, .. } = &trace.sidecar;
+        remarks.rates.extend(contradicted_rate_in_space(trace).map(|finding| (name.clone(), finding)));
+        let set = SetName { group: group.clone(), whisker: whisker.name.clone() };
+        remarks.contacts.entry(set).or_default().add(contact_count(trace, calibrated));
+    }
+    remarks
+}
+
+fn prepared<'a>(trials: Vec<CalibratedTrial<'a>>, settings: &SpatialEvaluateSettings) -> Vec<Prepared<'a>> {
     let of_set = |trace: &SpatialTrace| (trace.sidecar.group.clone(), trace.sidecar.whisker.name.clone());
     let mut largest: BTreeMap<(String, String), f64> = BTreeMap::new();
-    for trace in &traces {
+    for CalibratedTrial { trace, .. } in &trials {
         let known = largest.entry(of_set(trace)).or_default();
         *known = known.max(largest_reading_n_m([trace]));
     }
-    let prepare = |trace: SpatialTrace| {
-        let (calibrated, sensor) = &whiskers[&trace.sidecar.whisker.name];
+    let prepare = |CalibratedTrial { trace, calibrated, sensor }: CalibratedTrial<'a>| {
         let added_sd_n_m = settings.noise * largest[&of_set(&trace)];
         let noise_sd_n_m = added_sd_n_m.hypot(trace.sidecar.own_noise_sd_n_m());
-        let knowledge = knowledge(calibrated, noise_sd_n_m, *sensor, trace.sidecar.rate_hz);
-        Prepared { trial: SpatialTrial::new(Arc::new(trace), knowledge), added_sd_n_m, sensor: *sensor }
+        let knowledge = knowledge(&calibrated, noise_sd_n_m, sensor, trace.sidecar.rate_hz);
+        Prepared { trial: SpatialTrial::new(Arc::new(trace), knowledge), added_sd_n_m, sensor }
     };
-    Ok(traces.into_par_iter().map(prepare).collect())
+    trials.into_par_iter().map(prepare).collect()
 }
 
 impl Prepared<'_> {

@@ -1,8 +1,7 @@
 //! Runs of evaluations in space: a folder with the tables and a description of the inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use files::{sha256_of_file, write_atomically, write_json};
 use indicatif::ProgressBar;
@@ -11,28 +10,26 @@ use serde_json::Value;
 use testbed::dataset::Dataset;
 use testbed::front_end::{SPATIAL_FRONT_ENDS, SpatialFrontEnd};
 use testbed::results::files::RunFile;
-use testbed::results::{FailureRow, ResultsKind, SetName, csv_bytes};
+use testbed::results::{FailureRow, ResultsKind, csv_bytes};
 use testbed::space::SpatialEstimateRow;
 use testbed::space::files::{
     FAILURES, MAP_POINTS, MAP_SCENE, MAP_SCORES, MAP_SURFACE, MAP_VOXELS, RUN, SUMMARY, TIMES, TRIALS,
 };
 use testbed::space::map::{SpatialMap, Sweep};
-use testbed::space::replay::calibrated;
 use testbed::space::rows::{SpatialMapRow, SpatialSummaryRow, SpatialTimesRow, SpatialTrialRow};
 use testbed::space::run::{
     SpatialRun, SpatialRunCalibration, SpatialRunMounting, SpatialRunTrial, SpatialRunWhisker, SweptSolid,
 };
 use testbed::space::solid::Solid;
-use testbed::space::trial::contact_count;
 use testbed::statistics;
-use trace::{LearntMounting, Role, SpatialSidecar, SpatialTrace};
-use whisker::space::sensor::CalibratedSpace;
+use trace::{LearntMounting, Role, SpatialSidecar};
 
-use super::evaluate::{Calibrations, SpatialEvaluateSettings, SpatialEvaluated, evaluate_keeping};
+use super::evaluate::{
+    Calibrations, SpatialEvaluateSettings, SpatialEvaluated, calibrated_trials, evaluate_keeping, remarks,
+};
 use super::participant::described;
 use crate::evaluate::part_folder::{PartFolder, restore, tidy};
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
-use crate::plausibility::contradicted_rate_in_space;
 use crate::provenance::evaluation_watermark;
 use crate::remarks::TrialRemarks;
 
@@ -92,37 +89,6 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
 /// Whether a folder has all files of the run.
 fn is_complete(run: &SpatialRun, folder: &Path) -> bool {
     run.files().iter().all(|name| folder.join(name).is_file())
-}
-
-/// Remarks on the trials of a dataset, which are the same whether they are evaluated anew or not.
-fn remarks(dataset: &Dataset, calibrations: &Calibrations) -> anyhow::Result<TrialRemarks> {
-    let mut whiskers: BTreeMap<String, Arc<CalibratedSpace>> = BTreeMap::new();
-    let mut trials = Vec::new();
-    for path in &dataset.paths {
-        let sidecar = SpatialSidecar::read(path)?;
-        let whisker = &sidecar.whisker.name;
-        if sidecar.role != Role::Trial {
-            continue;
-        }
-        // The evaluation refuses a trace whose whisker has no calibration.
-        let Some((of_whisker, file)) = calibrations.get(whisker) else { continue };
-        if !whiskers.contains_key(whisker) {
-            whiskers.insert(whisker.clone(), calibrated(of_whisker, file, &sidecar)?);
-        }
-        trials.push((path, whiskers[whisker].clone()));
-    }
-    let of_trial = |(path, calibrated): &(&PathBuf, Arc<CalibratedSpace>)| {
-        let trace = SpatialTrace::read(path)?;
-        let (rate, count) = (contradicted_rate_in_space(&trace), contact_count(&trace, calibrated));
-        Ok((trace.sidecar, rate, count))
-    };
-    let mut remarks = TrialRemarks::default();
-    for (sidecar, rate, count) in trials.par_iter().map(of_trial).collect::<anyhow::Result<Vec<_>>>()? {
-        let SpatialSidecar { name, group, whisker, .. } = sidecar;
-        remarks.rates.extend(rate.map(|finding| (name, finding)));
-        remarks.contacts.entry(SetName { group, whisker: whisker.name }).or_default().add(count);
-    }
-    Ok(remarks)
 }
 
 /// Differences in settings between two runs.
@@ -247,14 +213,15 @@ pub fn evaluate_into(
             && (settings.programs.is_empty() || failures.is_empty() && !force)
         {
             tidy(folder)?;
-            let (unscored, remarks) = (unscored(&trials), remarks(dataset, &calibrations)?);
+            let front_end = SpatialFrontEnd::new(&settings.front_end)?;
+            let remarks = remarks(&calibrated_trials(dataset, &front_end, &calibrations)?);
+            let unscored = unscored(&trials);
             return Ok(SpatialWritten { summary, times, failures, mounted, unscored, remarks, is_new: false });
         }
         if !force {
             check_same(folder, old.map(|old| differences(&old, &run)))?;
         }
     }
-    let remarks = remarks(dataset, &calibrations)?;
     let part = PartFolder::open(folder, &run.watermark.inputs_sha256)?;
     let evaluated = match write(part.path(), dataset, settings, (&run, &calibrations), progress) {
         Ok(evaluated) => evaluated,
@@ -264,7 +231,7 @@ pub fn evaluate_into(
         }
     };
     part.finish()?;
-    let SpatialEvaluated { summary, times, failures, trials } = evaluated;
+    let SpatialEvaluated { summary, times, failures, trials, remarks } = evaluated;
     Ok(SpatialWritten { summary, times, failures, mounted, unscored: unscored(&trials), remarks, is_new: true })
 }
 
