@@ -9,15 +9,15 @@ _default:
     @{{ quote(just_executable()) }} --justfile {{ quote(justfile()) }} --list --unsorted
 
 # Simulate, fit, evaluate and report the standard suite: results/standard/index.html
-demo:
-    @cargo xtask demo
+demo *arguments:
+    @cargo xtask demo "$@"
 
 # Run every test: Rust, Python, end to end
 test:
     @cargo xtask test
 
 # Simulate a suite or scenes with MuJoCo: just simulate scenes/suites/standard.json --out datasets/standard
-simulate *arguments: _setup
+simulate *arguments: setup
     @{{ whisker }} simulate "$@"
 
 # Fit the sensor models of a suite's calibration traces: just fit scenes/suites/standard.json
@@ -77,8 +77,20 @@ golden:
     @cargo xtask golden
 
 # Measure every claim of the documentation: results/reference/claims.csv
-reproduce:
-    @cargo xtask reproduce
+reproduce *arguments:
+    @cargo xtask reproduce "$@"
+
+# Measure the certainty on random scenes, with calibrations that are off and with friction: results/reference/certainty/
+random *arguments:
+    @cargo xtask random "$@"
+
+# Compare the simulator with beam theory, claim by claim: results/physics/
+physics:
+    @cargo xtask physics
+
+# Kill commands at random moments or fill their disk, repeat them, and compare their files: just kills [--count N] [--seed S]
+kills *arguments:
+    @cargo xtask kills "$@"
 
 # Evaluate recordings of real sensors: just real --recordings FOLDER
 real *arguments:
@@ -96,5 +108,6 @@ check:
 ci:
     @cargo xtask ci
 
-_setup:
+# Install the Python packages in .venv
+setup:
     @cargo xtask setup

@@ -11,7 +11,8 @@
 //! | [`pins`] | scores on pins, mounting learnt at a known place |
 //!
 //! The sensor model is the Gaussian process of [`whisker::space::sensor::gaussian_process`], fitted to labelled contacts, in the
-//! frame of the sensor and in counts: for such recordings, neither the shape of the wire nor forces are known.
+//! frame of the sensor and in counts: forces are not known for such recordings, and only the score of the whisker's
+//! reach uses the shape of the wire.
 
 pub mod benchmark;
 pub mod calibration;

@@ -234,6 +234,8 @@ fn check_header(path: &Path, line: Option<&[u8]>) -> Result<FurtherColumns, Erro
         found,
         expected,
     };
+    // Spreadsheets begin a table in UTF-8 with a mark of the byte order.
+    let line = line.map(|line| line.strip_prefix("\u{feff}".as_bytes()).unwrap_or(line));
     let first = line.unwrap_or_default().split(|byte| *byte == b',').nth(PLAIN);
     let begins = |further: &FurtherColumns| first == further.columns().first().map(|(name, _)| name.as_bytes());
     let further = [FurtherColumns::Friction, FurtherColumns::Second, FurtherColumns::Yielding]

@@ -181,8 +181,13 @@ impl Sidecar {
         self.recorded.as_ref().map_or(0.0, |recorded| recorded.noise_sd_n_m)
     }
 
-    /// Hash of everything that a result from the trace may depend on: the sidecar, which contains the hashes of its
-    /// files, without scene, certificate and provenance.
+    /// Source of the times of a recording. `None` if the trace was simulated.
+    pub fn clock(&self) -> Option<&str> {
+        self.recorded.as_ref().map(|recorded| recorded.clock.as_str())
+    }
+
+    /// Hash of everything that a calibration from the trace may depend on: the sidecar, which contains the hashes of its
+    /// files, without scene, certificate and provenance. Scores also depend on the scene, which states the object.
     pub fn data_sha256(&self) -> String {
         hash_of_data(self)
     }

@@ -719,6 +719,44 @@ fn verif_an_object_is_known_at_the_next_touch() {
     }
 }
 
+/// After the first touch the whisker rests on the rod with a moment below the threshold of the detector.
+fn lightly_held_to_base(row: u32) -> Pose<World, Base> {
+    if row < TOUCH_ROWS {
+        return pressed_to_base(row);
+    }
+    Pose::<Base, World>::new(Vector3::new(0.0, 0.05e-3, 0.0), Rotation3::identity()).inverse()
+}
+
+#[test]
+fn verif_a_contact_with_a_known_object_is_stated_where_it_is_not_detected() {
+    // The same moments with a contact, and without one.
+    let held = |name: &str, is_held: bool| {
+        let (mut shift_m, mut row) = (0.0, 49);
+        let rows = (3, TOUCH_ROWS + 200);
+        let found = replayed_contacts(&STRAIGHT, name, rows, 1.0, lightly_held_to_base, |rod, to_base| {
+            row += 1;
+            let point = Around::new(0.040, 0.0, 0.0).contact(&STRAIGHT.calibrated.axis).vector();
+            let contact = touched(rod, to_base, point, Vector3::new(0.1, 0.2, 1.0).normalize(), &mut shift_m);
+            let touches = if row < TOUCH_ROWS { pressed(row) > 0.12 } else { is_held };
+            touches.then_some(contact)
+        });
+        found.into_iter().filter(|(.., row)| *row >= TOUCH_ROWS + 20).collect::<Vec<_>>()
+    };
+    for name in ["line-fit", "recommended"] {
+        let found = held(name, true);
+        let light =
+            found.iter().filter(|(_, truth, _)| truth.deflection.moment_n_m.norm() < 5.0 * STRAIGHT.noise_sd_n_m);
+        assert_eq!(light.count(), found.len());
+        assert!(found.len() > 150, "{name}: {} estimates", found.len());
+        for (estimate, truth, row) in &found {
+            let error = error(estimate, truth);
+            let squared = error.dot(&(estimate.covariance_m2.try_inverse().unwrap() * error));
+            assert!(error.norm() < 1e-3 && squared < 16.0, "{name}, {row}: {error} {squared}");
+        }
+        assert_eq!(held(name, false).len(), 0, "{name}");
+    }
+}
+
 #[test]
 fn verif_another_object_is_located_at_the_next_touch() {
     for name in ["line-fit", "recommended"] {

@@ -42,7 +42,8 @@ impl Prepared {
         if !settings.noise_unit.is_default() {
             inputs.push(serde_json::to_string(&settings.noise_unit)?);
         }
-        inputs.extend(self.trials.iter().map(|trial| trial.sidecar.data_sha256()));
+        // The scene states friction, motion and yielding of the object.
+        inputs.extend(self.trials.iter().map(|trial| trial.sidecar.data_sha256() + &trial.sidecar.scene.to_string()));
         Ok(Run {
             format: files::FORMAT,
             kind: "run".into(),

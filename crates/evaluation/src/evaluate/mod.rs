@@ -44,8 +44,8 @@ use files::write_json;
 use indicatif::ProgressBar;
 use testbed::dataset::Dataset;
 use testbed::metrics::Unscored;
-use testbed::results::files::{FAILURES, RUN, SUMMARY};
-use testbed::results::{FailureRow, SummaryRow, read_rows, read_scores};
+use testbed::results::files::{FAILURES, RUN, SUMMARY, TRIALS};
+use testbed::results::{FailureRow, SummaryRow, TrialHead, read_rows, read_scores};
 
 use merge::{Merged, merge};
 use part_folder::{PartFolder, restore, tidy};
@@ -95,6 +95,10 @@ pub fn evaluate(
 
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
+    // Finished items may be those of an earlier version of what a program imports.
+    if settings.force && !settings.programs.is_empty() && !shards.are_shared() {
+        Shards::remove(part.path())?;
+    }
     Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() }
         .finish(None, progress)?;
     let Merged { summary, failures } = merge(&plan, &shards, part.path())?;
@@ -134,11 +138,13 @@ pub fn evaluate_share(
     }
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
+    shards.mark_shared()?;
     let batch = Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() };
     batch.finish(Some(share), progress)
 }
 
-/// Summary and failures of a run.
+/// Summary and failures of a run, whose scores of the trials can be read too.
 fn tables(folder: &Path) -> anyhow::Result<(Vec<SummaryRow>, Vec<FailureRow>)> {
+    read_scores::<TrialHead>(&TRIALS.path(folder))?;
     Ok((read_scores(&SUMMARY.path(folder))?, read_rows(&FAILURES.path(folder))?))
 }

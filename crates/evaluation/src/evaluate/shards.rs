@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use files::{AtomicFile, sha256};
+use files::{AtomicFile, sha256, write_atomically};
 use serde::{Deserialize, Serialize};
 use testbed::results::{ContourTrialRow, FailureRow, MapObjectRow, MapRow, QuantityRow, TrialRow};
 
@@ -13,6 +13,8 @@ use super::tables::OverTime;
 
 /// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
+/// File beside the shards that states that shares wrote them.
+const SHARED: &str = "shared";
 
 /// Results of an item: one entry per trial and seed, in the order of the scene's traces, then of the seeds.
 pub(super) type Shard = Vec<TrialResults>;
@@ -86,6 +88,19 @@ impl Shards {
         let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
         let Some(body) = body(&bytes) else { bail!("{}: damaged; evaluate again", path.display()) };
         postcard::from_bytes(body).with_context(|| path.display().to_string())
+    }
+
+    /// Marks them as those of shares, which are merged later.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub(super) fn mark_shared(&self) -> anyhow::Result<()> {
+        Ok(write_atomically(&self.0.join(SHARED), b"")?)
+    }
+
+    /// Whether shares wrote them.
+    pub(super) fn are_shared(&self) -> bool {
+        self.0.join(SHARED).is_file()
     }
 
     /// Removes all shards of a run.

@@ -85,14 +85,14 @@ impl FromIterator<f64> for TimeSteps {
 pub fn contradicted_rate(trace: &Trace) -> Option<Finding> {
     let steps: TimeSteps = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
     let sidecar = &trace.sidecar;
-    steps.contradiction_with(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
+    steps.contradiction_with(sidecar.rate_hz, sidecar.clock())
 }
 
 /// As [`contradicted_rate`], of a trace in space.
 pub fn contradicted_rate_in_space(trace: &SpatialTrace) -> Option<Finding> {
     let steps: TimeSteps = trace.recording.instants.iter().map(|instant| instant.t_s).collect();
     let sidecar = &trace.sidecar;
-    steps.contradiction_with(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()))
+    steps.contradiction_with(sidecar.rate_hz, sidecar.clock())
 }
 
 /// As [`contradicted_rate`], as a test of the registry.

@@ -64,7 +64,7 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
     for path in &dataset.paths {
         let sidecar = SpatialSidecar::read(path)?;
         if sidecar.role == Role::Trial {
-            data.push(sidecar.data_sha256());
+            data.push(sidecar.data_sha256() + &sidecar.scene.to_string());
             data.push(hashes[sidecar.whisker.name.as_str()].clone());
             let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
             let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };

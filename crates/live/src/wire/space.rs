@@ -20,7 +20,7 @@ pub struct SpatialPriorLine {
     /// Name of the whisker, if there are several.
     #[serde(default)]
     pub name: Option<String>,
-    /// Seed for methods that draw random numbers; those in space draw none.
+    /// Not used: `particle` takes the seed of its settings.
     #[serde(default)]
     pub seed: Option<u64>,
     /// Readings per second.

@@ -80,11 +80,12 @@ pub const ANSWERED: Metric = Metric {
     },
 };
 
-/// Time after which the error stays below a bound until the end. Missing estimates count as above it.
+/// Time after which the error stays below a bound until the end. Missing estimates count as above it where one is expected: in the
+/// calibrated domain and before the tip.
 fn time_to_stay_below(contacts: &[Contact], bound_m: f64) -> Option<f64> {
-    let below = |contact: &Contact| contact.error_m.is_some_and(|error| error < bound_m);
+    let below = |contact: &Contact| contact.error_m.map_or(!contact.is_calibrated, |error_m| error_m < bound_m);
     let start = contacts.iter().rposition(|contact| !below(contact)).map_or(0, |last| last + 1);
-    contacts.get(start).map(|contact| contact.t_contact_s)
+    contacts[start..].iter().find(|contact| contact.error_m.is_some()).map(|contact| contact.t_contact_s)
 }
 
 #[cfg(test)]
@@ -110,5 +111,13 @@ mod tests {
         assert_eq!(time_to_stay_below(&contacts(&[Some(2.0 * mm), Some(0.1 * mm), Some(0.2 * mm)]), mm), Some(1.0));
         assert_eq!(time_to_stay_below(&contacts(&[Some(0.1 * mm), None, Some(0.2 * mm)]), mm), Some(2.0));
         assert_eq!(time_to_stay_below(&contacts(&[Some(0.1 * mm), Some(2.0 * mm)]), mm), None);
+    }
+
+    #[test]
+    fn regress_an_estimate_that_is_not_expected_is_no_error() {
+        let mut beyond = contacts(&[None, Some(0.1e-3), None]);
+        (beyond[0].is_calibrated, beyond[2].is_calibrated) = (false, false);
+        assert_eq!(time_to_stay_below(&beyond, 1e-3), Some(1.0));
+        assert_eq!(time_to_stay_below(&beyond[..1], 1e-3), None, "without any estimate");
     }
 }

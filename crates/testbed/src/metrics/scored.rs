@@ -291,11 +291,11 @@ pub(super) fn errors_m<'a>(contacts: impl IntoIterator<Item = &'a Contact, IntoI
     if is_silent(contacts.clone()) { Vec::new() } else { contacts.filter_map(|contact| contact.error_m).collect() }
 }
 
-/// Whether too many estimates of these contacts are missing for scores that count these contacts.
+/// Whether too many estimates of these contacts are missing for scores that count these contacts, or none is expected.
 fn is_silent<'a>(contacts: impl IntoIterator<Item = &'a Contact, IntoIter: Clone>) -> bool {
     let contacts = contacts.into_iter();
     let calibrated = contacts.clone().filter(|contact| contact.is_calibrated).count();
-    missing(contacts) as f64 > MOST_MISSING * calibrated as f64
+    calibrated == 0 || missing(contacts) as f64 > MOST_MISSING * calibrated as f64
 }
 
 /// Number of contacts in the calibrated domain without an estimate.

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::marker::PhantomData;
 use std::path::Path;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow, bail, ensure};
 use csv::{DeserializeErrorKind, ErrorKind, IntoInnerError, ReaderBuilder, StringRecord, Writer, WriterBuilder};
 use files::AtomicFile;
 use serde::de::{DeserializeOwned, Error as _, Visitor, value};
@@ -98,7 +98,27 @@ pub(super) fn refusal(error: csv::Error) -> anyhow::Error {
 /// # Errors
 /// If the file cannot be read or is damaged. The error names file, line and column, and both the value found and the one expected.
 pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
-    read_table(path, parse_row)
+    let rows = read_table(path, parse_row)?;
+    // Without rows, no row has compared the columns.
+    if rows.is_empty() {
+        check_columns::<T>(path)?;
+    }
+    Ok(rows)
+}
+
+/// Checks that the columns of a table are the fields of `T`.
+fn check_columns<T: DeserializeOwned>(path: &Path) -> anyhow::Result<()> {
+    let (found, expected) = (ReaderBuilder::new().from_path(path)?.headers()?.clone(), columns::<T>());
+    let shown =
+        |names: Vec<&str>| if names.is_empty() { "no columns".into() } else { format!("`{}`", names.join(",")) };
+    ensure!(
+        found.iter().eq(expected.iter().copied()),
+        "{}:1: found {}, expected {}",
+        path.display(),
+        shown(found.iter().collect()),
+        shown(expected.to_vec())
+    );
+    Ok(())
 }
 
 pub(super) fn read_table<T>(

@@ -130,7 +130,12 @@ impl SpatialSidecar {
         self.recorded.as_ref().map_or(0.0, SpatialRecorded::mean_noise_sd_n_m)
     }
 
-    /// Hash of everything that a result from the trace may depend on, as [`crate::Sidecar::data_sha256`].
+    /// Source of the times of a recording. `None` if the trace was simulated.
+    pub fn clock(&self) -> Option<&str> {
+        self.recorded.as_ref().map(|recorded| recorded.clock.as_str())
+    }
+
+    /// Hash of everything that a calibration from the trace may depend on, as [`crate::Sidecar::data_sha256`].
     pub fn data_sha256(&self) -> String {
         hash_of_data(self)
     }

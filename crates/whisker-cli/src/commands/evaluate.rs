@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::thread::{self, sleep};
 use std::time::Duration;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow, bail, ensure};
 use evaluation::evaluate::{
     EvaluateSettings, Evaluated, OmittedEstimator, Share, Workload, evaluate, evaluate_share, run_folder,
 };
@@ -193,8 +193,13 @@ fn evaluate_all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     // Without noise every seed replays the same readings, and the copies would count as trials.
     let are_exact = arguments.encoders.iter().all(Encoders::are_perfect);
-    let is_silent = !front_end.has_sensor() && are_exact && noise.iter().all(|level| *level == 0.0);
-    let seeds = if is_silent { 1 } else { DEFAULT_SEEDS };
+    let silent = noise.iter().filter(|level| !front_end.has_sensor() && are_exact && **level == 0.0).count();
+    let seeds = arguments.seeds.unwrap_or(if silent == noise.len() { 1 } else { DEFAULT_SEEDS });
+    ensure!(
+        silent == 0 || silent == noise.len() || seeds == 1,
+        "--noise: found 0 beside other levels with {seeds} seeds, expected 0 alone or --seeds 1: without noise every seed gives the \
+         same readings"
+    );
     let settings = EvaluateSettings {
         name: arguments.name.clone().unwrap_or_else(joined),
         estimators: arguments.estimators.clone(),
@@ -205,7 +210,7 @@ fn evaluate_all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         starts: arguments.starts.into(),
         encoders: arguments.encoders.clone(),
         map: map.unwrap_or_default(),
-        seeds: (1..=arguments.seeds.unwrap_or(seeds)).collect(),
+        seeds: (1..=seeds).collect(),
         noise,
         noise_unit,
         miscalibrations: arguments.miscalibrate.clone(),

@@ -155,8 +155,7 @@ impl Arguments {
                 largest = largest.max(moment_n_m.abs());
             }
         }
-        let rate = steps
-            .contradiction_with(sidecar.rate_hz, sidecar.recorded.as_ref().map(|recorded| recorded.clock.as_str()));
+        let rate = steps.contradiction_with(sidecar.rate_hz, sidecar.clock());
         let noise = self.noise.unwrap_or_else(|| front_end.row.default_noise(&sidecar));
         let added_sd_n_m = noise * largest;
         let reader = match front_end.reader(&sidecar, added_sd_n_m, self.seed) {

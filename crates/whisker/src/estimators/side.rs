@@ -13,6 +13,7 @@ use nalgebra::{Matrix1, Matrix2, RowVector2, SMatrix, SVector, Vector1, Vector2,
 use super::{BENT_STRETCH, BaseNoise, Estimate, Knowledge, Radius};
 use crate::Whisker;
 use crate::frames::{Base, Point};
+use crate::regained::Unknown;
 use crate::sensor::{AlongAway, CalibratedFace, Lean, Leaning, Turn};
 
 /// Largest distance of a contact from the modelled region, as a share of its extent along the whisker.
@@ -72,6 +73,11 @@ impl Side {
         let beyond = slope.dot(&(at.vector() - held.vector()));
         let rest_rad = self.face.rest.tangent_rad(at.along_m);
         (rest_rad + turn_rad + beyond, slope + vector![self.face.rest.curvature_per_m(at.along_m), 0.0])
+    }
+
+    /// Readings without a contact on this side, with noise of this variance.
+    pub(super) fn unknown(&self, noise_n2_m2: f64) -> Unknown<1> {
+        Unknown { noise_n2_m2, of_any: 1.0 / self.face.largest_reading_n_m }
     }
 
     /// Effect of friction on the whisker's contacts.

@@ -74,7 +74,7 @@ fn report() -> Outcome {
 
 fn long_trace() -> Outcome {
     let source = format!("datasets/{SUITE}/pin_straight_00.csv");
-    let make = ["run", "--quiet", "--release", "--package", "testbed", "--example", "long_trace", "--"];
+    let make = ["run", "--quiet", "--release", "--package", "evaluation", "--example", "long_trace", "--"];
     run_command(cargo(&[&make[..], &[&source, ROWS, FOLDER]].concat()))?;
     let calibration = format!("datasets/{SUITE}/calibrations/straight.json");
     let trace = format!("{FOLDER}/long.csv");

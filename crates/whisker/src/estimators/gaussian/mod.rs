@@ -25,13 +25,13 @@ use self::places::{Left, MOST_LEFT, is_same_place};
 use super::doubt::Doubt;
 use super::inertia::Inertia;
 use super::motion::{AnyMotion, Motion};
-use super::odds::Odds;
-use super::regained::Regained;
 use super::side::{ContactReading, Side};
 use super::start::{Earlier, EarlierReading, earlier, is_free};
 use super::systematic::Systematic;
 use super::{Ahead, ContactPrior, Estimate, Knowledge, Method, Sample, Touch, Tracker, Undetected};
 use crate::frames::{Base, Point, Pose, Start};
+use crate::odds::Odds;
+use crate::regained::Regained;
 use crate::sensor::AlongAway;
 use crate::settings::{SettingsError, parse};
 

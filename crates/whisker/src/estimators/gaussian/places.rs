@@ -6,10 +6,10 @@ use nalgebra::{Matrix2, SVector, Vector1, Vector2};
 use super::{Follower, GaussianFilter};
 use crate::estimators::Sample;
 use crate::estimators::motion::Motion;
-use crate::estimators::odds::Odds;
-use crate::estimators::regained::Regained;
 use crate::estimators::side::ContactReading;
 use crate::frames::{Base, Point};
+use crate::odds::Odds;
+use crate::regained::Regained;
 use crate::sensor::AlongAway;
 
 /// A place that the contact has left.

@@ -8,7 +8,7 @@ use super::{Follower, GaussianFilter, residual};
 use crate::estimators::Sample;
 use crate::estimators::doubt::Doubt;
 use crate::estimators::motion::Motion;
-use crate::estimators::regained::{Regained, Unknown};
+use crate::regained::Regained;
 use crate::sensor::AlongAway;
 
 /// Standard deviation along the whisker below which a contact counts as located, and the standard deviations within
@@ -66,8 +66,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
             is_beside.then(|| residual(&reading, &belief.mean, &belief.covariance, sample.reading_n_m)).flatten();
         let innovation =
             residual.and_then(|(residual_n_m, variance)| Innovation::of(Vector1::new(residual_n_m), variance));
-        let unknown = Unknown::new(&self.side, self.noise_sd_n_m.powi(2) / count);
-        self.regained.next(sample.dt_s, sample.reading_n_m, innovation.as_ref(), &unknown)
+        let unknown = self.side.unknown(self.noise_sd_n_m.powi(2) / count);
+        self.regained.next(sample.dt_s, &Vector1::new(sample.reading_n_m), innovation.as_ref(), &unknown)
     }
 
     /// Whether a contact that the readings contradict may lie beyond the calibrated arc lengths near the tip (mean plus [`TIP_SDS`]

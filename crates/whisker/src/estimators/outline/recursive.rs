@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use filters::Gaussian;
-use nalgebra::Vector2;
+use nalgebra::{Vector1, Vector2};
 
 use super::Config;
 use super::object::{FirstArc, Object};
@@ -14,10 +14,10 @@ use crate::estimators::extended::Extended;
 use crate::estimators::gaussian::{self, Follower};
 use crate::estimators::inertia::Inertia;
 use crate::estimators::motion::{Motion, Round};
-use crate::estimators::regained::{Regained, Unknown};
 use crate::estimators::side::Side;
 use crate::estimators::{Ahead, Estimate, Knowledge, OutlinePoint, Sample, Touch, Tracker, Undetected};
 use crate::frames::{Base, Pose, Start};
+use crate::regained::Regained;
 use crate::sensor::AlongAway;
 
 /// Smallest number of samples of a touch before an outline begins, and the number after which it begins for any
@@ -309,8 +309,9 @@ impl Tracker for Tracer {
         let expected = object.expect(side, &base, undetected.reading_n_m, 1.0);
         let on_side = expected.filter(|expected| side.is_beside(expected.at()));
         let innovation = on_side.as_ref().and_then(|expected| expected.innovation);
-        let unknown = Unknown::new(side, self.knowledge.noise_sd_n_m.powi(2));
-        let is_regained = self.regained.next(undetected.dt_s, undetected.reading_n_m, innovation.as_ref(), &unknown);
+        let unknown = side.unknown(self.knowledge.noise_sd_n_m.powi(2));
+        let reading = Vector1::new(undetected.reading_n_m);
+        let is_regained = self.regained.next(undetected.dt_s, &reading, innovation.as_ref(), &unknown);
         let estimate = on_side.filter(|_| is_regained).map(|expected| object.estimate(side, &base, &expected))?;
         Some(Estimate { innovation: None, ..estimate })
     }

@@ -66,6 +66,12 @@ pub(super) trait Tracker: Send {
     /// Takes one sample at which the whisker is free. The next sample with a contact begins the next touch.
     fn release(&mut self, sample: &Sample);
 
+    /// Estimate of a contact that is not detected, at a sample that was released before: an object at rest that is known predicts
+    /// contact and reading. Given once the reading shows that the whisker touches it; `None` otherwise. Default: none is expected.
+    fn expect_touch(&mut self, _sample: &Sample) -> Option<Estimate> {
+        None
+    }
+
     /// Forgets the objects of earlier touches. The next sample begins a touch.
     fn forget(&mut self);
 

@@ -177,7 +177,8 @@ pub struct Estimator {
 
 impl Estimator {
     /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
-    /// [`ReadingGate`], which counts as missing. Nothing is revised; see [`Estimator::push`].
+    /// [`ReadingGate`], which counts as missing. While no contact is detected, a contact with a known object is stated if the reading
+    /// shows it. Nothing is revised; see [`Estimator::push`].
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimate = self.advance(sample);
         self.revised = None;
@@ -221,7 +222,7 @@ impl Estimator {
         estimates
     }
 
-    /// Whether the whisker touched at the last sample.
+    /// Whether a contact was detected at the last sample.
     pub fn touches(&self) -> bool {
         self.touch.touches()
     }
@@ -263,7 +264,7 @@ impl Estimator {
             if self.revised.is_none() {
                 self.taken.clear();
             }
-            return None;
+            return self.tracker.as_mut()?.expect_touch(&sample);
         }
         if self.looks_back {
             self.taken.push(true);

@@ -197,9 +197,11 @@ impl Method for ModelAveraging {
             names,
             trackers,
             early: self.config.early.filter(|_| !real_sensor).map(|early| early.begin(knowledge)),
+            left: first.clone(),
             first,
             mounting: self.config.mounting.filter(|_| real_sensor && mounting.is_none()),
             is_free: false,
+            is_expected: false,
             doubtful: Doubtful::default(),
             config: self.config.clone(),
         })
@@ -219,7 +221,11 @@ struct Average {
     /// Probabilities of the candidates at the touch, and the logarithm of their evidence before it.
     prior: Vec<f64>,
     before: Vec<f64>,
+    /// Probabilities of the candidates at the end of the last touch.
+    left: Vec<f64>,
     is_free: bool,
+    /// Whether the whisker touched the known object at the last sample, at which no contact was detected.
+    is_expected: bool,
     doubtful: Doubtful,
 }
 
@@ -344,6 +350,9 @@ fn direction(parts: &[(&Estimate, f64)]) -> Option<Direction> {
 impl Tracker for Average {
     fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         self.is_free = false;
+        if std::mem::take(&mut self.is_expected) {
+            self.prior.clone_from(&self.left);
+        }
         let mut estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.step(sample)).collect();
         self.replace_early(sample, &mut estimates);
         let of_all = self.trackers.iter().filter(|tracker| !tracker.has_begun_anew());
@@ -372,7 +381,8 @@ impl Tracker for Average {
 
     fn release(&mut self, sample: &Sample) {
         if !self.is_free {
-            let both = self.shares().into_iter().zip(&self.first);
+            self.left = self.shares();
+            let both = self.left.iter().zip(&self.first);
             self.prior = both.map(|(share, prior)| SAME_OBJECT * share + (1.0 - SAME_OBJECT) * prior).collect();
             self.doubtful.resume();
         }
@@ -384,7 +394,15 @@ impl Tracker for Average {
         }
     }
 
+    fn expect_touch(&mut self, sample: &Sample) -> Option<Estimate> {
+        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.expect_touch(sample)).collect();
+        let together = self.together(&self.left, &estimates);
+        self.is_expected = together.is_some();
+        together.map(|together| self.doubted(together))
+    }
+
     fn forget(&mut self) {
+        self.is_expected = false;
         self.trackers.iter_mut().chain(&mut self.early).for_each(|tracker| tracker.forget());
         self.prior.clone_from(&self.first);
         self.before.fill(0.0);

@@ -3,6 +3,7 @@
 //! A contact is written `(s, u, v)`: along the undeflected whisker, and displaced to its left and upwards ([`Around`]). In these
 //! coordinates the prior at the touch is Gaussian even on a strongly curved whisker, as in the plane.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use filters::unscented::{self, Spread};
@@ -12,6 +13,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use super::ringing::{Beam, Masses};
 use super::{Estimate, Knowledge};
 use crate::frames::Base;
+use crate::regained::Unknown;
 use crate::space::frames::{Point, Pose};
 use crate::space::sensor::{Around, Axis, CalibratedSpace, Directions};
 
@@ -123,6 +125,12 @@ impl Side {
     /// Covariance of the measurement noise of the mean of `count` readings (N2 m2), 2x2.
     pub(super) fn noise_of_mean_n2_m2(&self, count: f64) -> Matrix2<f64> {
         Matrix2::identity() * (self.noise_n2_m2 / count)
+    }
+
+    /// Readings without a contact: those of a free whisker, or of any size up to the largest calibrated one, in any direction.
+    pub(super) fn unknown(&self) -> Unknown<2> {
+        let any_n2_m2 = PI * self.calibrated.largest_reading_n_m.powi(2);
+        Unknown { noise_n2_m2: self.noise_n2_m2, of_any: 1.0 / any_n2_m2 }
     }
 
     /// Covariance of the readings of a contact: measurement noise, model error, and error of the part that is extrapolated.

@@ -56,6 +56,7 @@ use super::side::Side;
 use super::{Estimate, Knowledge, Sample};
 use crate::doubt::Doubtful;
 use crate::frames::{Base, Start};
+use crate::regained::Regained;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
 
@@ -148,6 +149,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     before_s: f64,
     /// Whether the object of earlier touches is touched again.
     earlier: Earlier,
+    /// Odds that the whisker touches the object although no contact is detected.
+    regained: Regained,
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
     log_evidence: LogEvidence,
@@ -197,6 +200,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             released: Pose::identity(),
             before_s: 0.0,
             earlier: Earlier::Confirmed,
+            regained: Regained::default(),
             slipped: Doubtful::default(),
             log_evidence: LogEvidence::default(),
             contradicted_s: None,
@@ -221,11 +225,29 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.base.inverse().then(&Pose::identity())
     }
 
-    /// Begins a touch of a known object: its contact is sought from the place of the last one.
+    /// Begins a touch of a known object: its contact is sought from the place of the last one, unless it was expected.
     fn approach(&mut self) {
+        if self.regained.is_there() {
+            (self.earlier, self.slipped) = (Earlier::Confirmed, Doubtful::default());
+        } else {
+            self.calm();
+        }
+        self.carry();
+        self.regained = Regained::default();
+    }
+
+    /// Carries the contacts of the modes to the present pose of the base, as if they were at rest.
+    fn carry(&mut self) {
         let (axis, motion) = (self.side.axis(), self.released.then(&self.base.inverse()));
         for mode in self.modes.iter_mut().filter(|mode| !mode.is_new()) {
             mode.near = Around::of(axis, motion.apply(mode.near.contact(axis)));
+        }
+        self.released = self.base;
+    }
+
+    /// Ends the motions of the wire at the contacts of the modes.
+    fn calm(&mut self) {
+        for mode in self.modes.iter_mut().filter(|mode| !mode.is_new()) {
             (mode.tilt, mode.swing) = ((0.0, 0.0), Swing::default());
         }
     }
@@ -503,6 +525,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.round, self.joining) = (None, None);
             (self.slipped, self.lost_s) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0.0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
+            self.calm();
         }
         self.accelerate(sample);
         if self.is_fitted() {
@@ -513,6 +536,10 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
         if let Some(front) = &mut self.front {
             front.set_unrest(self.unrest);
         }
+    }
+
+    fn expect_touch(&mut self, sample: &Sample) -> Option<Estimate> {
+        self.expected(sample)
     }
 
     fn forget(&mut self) {

@@ -7,6 +7,7 @@ use super::memory::KeptSample;
 use super::mode::Mode;
 use super::{Earlier, Fitter, LOST_S};
 use crate::doubt::DoubtSettings;
+use crate::space::estimators::follower::Tracker;
 use crate::space::estimators::motion::{Motion, Shape, Swing, TILT, TILT_S};
 use crate::space::estimators::{Estimate, Sample};
 use crate::space::sensor::Around;
@@ -51,6 +52,25 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             self.count(self.evidence_of(innovation, &likeliest) * share);
         }
         self.stated(&belief?, innovation)
+    }
+
+    /// The estimate at a sample without a detected contact, if the reading shows that the whisker touches the known object.
+    pub(super) fn expected(&mut self, sample: &Sample) -> Option<Estimate> {
+        if !self.is_determined() {
+            return None;
+        }
+        self.carry();
+        let now = self.kept(sample);
+        let mut modes = std::mem::take(&mut self.modes);
+        let mixture = self.mixture(&mut modes, &now, 0.0);
+        self.modes = modes;
+        let innovation = mixture.as_ref().and_then(|mixture| mixture.innovation);
+        if !self.regained.next(sample.dt_s, &sample.reading_n_m, innovation.as_ref(), &self.side.unknown()) {
+            self.calm();
+            return None;
+        }
+        let estimate = self.stated(&mixture?.belief?, None)?;
+        Some(Estimate { model_doubtful: Some(self.is_contradicted()), ..estimate })
     }
 
     /// The estimates at the samples of this touch by the present modes, which all readings determine. All are `None` if the object is

@@ -4,16 +4,16 @@
 /// Applications 8(1), 1963): with the ratio `L` of the likelihoods of a reading and the prior probability `p` of a return since the
 /// last one, they are `(odds + p) L`.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Odds(f64);
+pub(crate) struct Odds(f64);
 
 impl Odds {
     /// Takes the ratio of the likelihoods of a reading, with and without a return.
-    pub(super) fn advance(&mut self, prior: f64, likelihood_ratio: f64) {
+    pub(crate) fn advance(&mut self, prior: f64, likelihood_ratio: f64) {
         self.0 = (self.0 + prior) * likelihood_ratio;
     }
 
     /// Whether a return is more probable than none.
-    pub(super) fn are_favourable(&self) -> bool {
+    pub(crate) fn are_favourable(&self) -> bool {
         self.0 > 1.0
     }
 }
