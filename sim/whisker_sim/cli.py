@@ -89,7 +89,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulation_options(command)
     add_jobs(command)
     command.add_argument(
-        "--animations", type=Path, metavar="DIR", help="also draw each group and whisker of a suite, as `render` does, into DIR"
+        "--animations",
+        type=Path,
+        metavar="DIR",
+        help="also draw each group and whisker of a suite, as `whisker-sim render` does, into DIR",
     )
     command.add_argument(
         "--share",
@@ -157,7 +160,7 @@ def _add_cluster_commands(commands: "argparse._SubParsersAction[argparse.Argumen
 
 
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("files", nargs="+", type=Path, metavar="SCENE_OR_SUITE")
+    command.add_argument("files", nargs="+", type=Path, metavar="SCENE_OR_SUITE", help="scene or suite (JSON)")
     command.add_argument("--out", type=Path, metavar="DIR", help="folder of the traces (default: datasets/<suite>)")
     command.add_argument(
         "--simulation",
@@ -362,23 +365,25 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _list(_: argparse.Namespace) -> int:
-    for title, presets in (("whiskers", PRESETS), ("simulations", SIMULATIONS)):
+    presets = {"whiskers": PRESETS, "simulations": SIMULATIONS}
+    types = {
+        "shapes": _by_tag(AnyShape),
+        "motions": _by_tag(AnyMotion),
+        "solids of scenes in space": _by_tag(AnySolid),
+        "motions in space": _by_tag(AnySpatialMotion),
+        "scenes with an arm": {"scene": ArmScene, "object": FreeObject, "path": Passage, "pass": Pass},
+    }
+    width = max(len(name) for rows in (presets | types).values() for name in rows) + 2
+    for title, rows in presets.items():
         print(title)
-        for name, (about, values) in presets.items():
-            print(f"  {name:<18}{about}")
-            print(f"  {'':<18}{_values(values)}")
-    with_an_arm = {"scene": ArmScene, "object": FreeObject, "path": Passage, "pass": Pass}
-    for title, rows in (
-        ("shapes", _by_tag(AnyShape)),
-        ("motions", _by_tag(AnyMotion)),
-        ("solids of scenes in space", _by_tag(AnySolid)),
-        ("motions in space", _by_tag(AnySpatialMotion)),
-        ("scenes with an arm", with_an_arm),
-    ):
+        for name, (about, values) in rows.items():
+            print(f"  {name:<{width}}{about}")
+            print(f"  {'':<{width}}{_values(values)}")
+    for title, rows in types.items():
         print(title)
         for name, row in rows.items():
-            print(f"  {name:<18}{row.__doc__.splitlines()[0].removesuffix('.')}")
-            print(f"  {'':<18}{_parameters(row)}")
+            print(f"  {name:<{width}}{row.__doc__.splitlines()[0].removesuffix('.')}")
+            print(f"  {'':<{width}}{_parameters(row)}")
     return SUCCESS
 
 

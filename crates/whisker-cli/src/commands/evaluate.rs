@@ -112,7 +112,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     exec_timeout: Duration,
     /// Settings by estimator, of the contact detection and of maps, as JSON or as a JSON file: '{"ekf": {"fading": 1.01},
-    /// "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}'
+    /// "touch": {"detector": "band-pass"}, "map": {"cell_m": 0.001}}' [default: those of `whisker list estimators` and
+    /// `detectors`; for traces in space `space-estimators`]
     #[arg(long, value_name = "JSON or FILE")]
     config: Option<String>,
     #[command(flatten)]

@@ -42,7 +42,8 @@ pub(super) struct Arguments {
     /// selects the one with the smallest error on held-out traces
     #[arg(long, default_value = AUTO)]
     model: String,
-    /// Settings of the model as JSON, for example '{"degree": 7}'
+    /// Settings of the model as JSON, for example '{"degree": 7}' [default: those of `whisker list sensor-models`; for
+    /// traces in space `space-sensor-models`]
     #[arg(long, value_parser = json::<Value>)]
     config: Option<Value>,
     #[command(flatten)]

@@ -33,7 +33,7 @@ const INDENT: usize = 28;
 /// List the registries, or the rows of one with their default settings
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Registry whose rows are printed
+    /// Registry whose rows are printed [default: an overview of all]
     #[arg(value_parser = PossibleValuesParser::new(REGISTRIES.iter().map(|registry| registry.name).chain([GENERATOR])))]
     registry: Option<String>,
 }

@@ -29,8 +29,8 @@ pub(super) struct Arguments {
     pub(super) method: MethodArguments,
     #[command(flatten)]
     front_end: front_end::Arguments,
-    /// Measurement noise to add, as a fraction of the trace's largest reading [default: 0.01; 0 for a front end with
-    /// its own noise and for a recording]
+    /// Measurement noise to add to a trace (in `live`: to a --recording; refused on stdin), as a fraction of the trace's
+    /// largest reading [default: 0.01; 0 for a front end with its own noise and for a recording]
     #[arg(long, value_parser = noise_fraction)]
     noise: Option<f64>,
     /// Seed of the measurement noise and of the front end

@@ -11,7 +11,7 @@ use super::output::reserve_folder;
 use super::print;
 use super::progress::Progress;
 
-/// Draw the figures and the page of an evaluated run
+/// Draw the figures and the page of an evaluated run into its folder (index.html, figures/)
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Folder of the run, for example results/standard

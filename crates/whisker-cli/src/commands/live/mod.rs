@@ -49,7 +49,8 @@ struct TimingArguments {
     /// Longest time between two poses that are interpolated (s)
     #[arg(long, default_value_t = Timing::default().gap_s)]
     gap: f64,
-    /// Smallest jump of a clock (s)
+    /// Step of a clock, relative to this machine's clock, above which it counts as a jump and the estimator restarts (s);
+    /// at least three nominal intervals between readings
     #[arg(long, default_value_t = Timing::default().jump_s)]
     jump: f64,
 }
