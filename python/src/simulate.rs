@@ -4,11 +4,12 @@ use std::f64::consts::TAU;
 use std::path::Path;
 
 use ::trace::{Generator, Instant, Outline, Recording, Role, Sidecar, Trace as Simulated, Truth, TruthInstant};
-use ::whisker::elastica::{Elastica, Regime, Touch};
+use ::whisker::elastica::{Elastica, Load, Regime, Touch};
 use ::whisker::frames::{Base, Point, Pose, World};
 use ::whisker::sensor::Face;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use files::{FORMAT, sha256};
+use nalgebra::Vector2;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 
@@ -23,13 +24,22 @@ use crate::whisker::Whisker;
 /// Number of points of a simulated object's outline.
 const OUTLINE_POINTS: u32 = 2880;
 
+/// Number of directions in which the distance of a point from an object is measured, and of points of the undeflected whisker.
+const DIRECTIONS: u32 = 720;
+const REST_POINTS: u32 = 400;
+
+/// Overlap of the undeflected whisker and the object beyond which they touch, and distance beyond which they do not. The distance is
+/// computed from points of the whisker's centre line, and is too large by less than this.
+const CLEARANCE_M: f64 = 0.2e-3;
+
 /// Simulates a sweep of a whisker against an object, quasi-statically, without friction and without measurement noise.
 ///
 /// `t_s` (n) are the times at a constant rate, `base` (n, 3) the poses of the whisker's base in World: x (m), y (m) and yaw
 /// (rad). `face` is the side of the whisker on which the object lies. The readings are those of the exact elastica, so there
 /// is neither inertia nor ringing; for those, simulate a scene by `whisker simulate`.
 ///
-/// A row without an equilibrium, such as a whisker that slips off the object, raises `ValueError`.
+/// A row without an equilibrium, such as a whisker that slips off the object, raises `ValueError`, and so does an object that the
+/// whisker does not meet on this side or meets with its tip.
 #[pyfunction]
 #[pyo3(signature = (whisker, shape, t_s, base, face, name="sweep"))]
 pub(crate) fn simulate(
@@ -46,10 +56,28 @@ pub(crate) fn simulate(
     let (rate_hz, face) = (rate_hz(&times_s)?, face_of(face)?);
     let bases: Vec<Pose<Base, World>> = poses.iter().map(|&[x_m, y_m, yaw_rad]| Pose::new(x_m, y_m, yaw_rad)).collect();
     let elastica = whisker.elastica()?;
+    let rest = rest(&elastica).map_err(raised)?;
     let mut touches: Vec<Option<Touch>> = Vec::with_capacity(bases.len());
     interrupt::each(py, bases.len(), |row| {
-        let last = touches.last().copied().flatten();
-        touches.push(touch(&elastica, shape, &bases[row], face, last).with_context(|| format!("base[{row}]"))?);
+        let (base, last) = (&bases[row], touches.last().copied().flatten());
+        let found = touch(&elastica, shape, base, face, last).with_context(|| format!("base[{row}]"))?;
+        if last.is_none() {
+            let overlap_m = -clearance_m(&rest, shape, base);
+            ensure!(
+                found.is_some() || overlap_m < CLEARANCE_M,
+                "base[{row}]: found the undeflected whisker in the object by {:.1} mm and no contact on its {} side, expected a \
+                 contact there",
+                1e3 * overlap_m,
+                face.name()
+            );
+            ensure!(
+                found.is_none() || overlap_m > -CLEARANCE_M,
+                "base[{row}]: found the object {:.1} mm from the undeflected whisker, expected it to meet the whisker's {} side first",
+                -1e3 * overlap_m,
+                face.name()
+            );
+        }
+        touches.push(found);
         Ok(())
     })?;
     let moment_n_m = |touch: &Option<Touch>| touch.map_or(0.0, |touch| touch.deflection.moment_n_m);
@@ -81,6 +109,29 @@ fn touch(
         Some(last) => elastica.against_near(shape.outline.as_ref(), base, face, &last),
         None => elastica.against(shape.outline.as_ref(), base, face),
     }
+}
+
+/// Points of the undeflected whisker.
+fn rest(elastica: &Elastica) -> Result<Vec<Point<Base>>, ::whisker::elastica::Failure> {
+    let length_m = elastica.length_m();
+    let line = elastica.line(Load { arc_m: length_m, along_n: 0.0, left_n: 0.0, couple_n_m: 0.0 })?;
+    Ok((0..=REST_POINTS).map(|i| line.at(length_m * f64::from(i) / f64::from(REST_POINTS)).0).collect())
+}
+
+/// Least distance of the undeflected whisker's centre line from a convex object, negative within it.
+fn clearance_m(rest: &[Point<Base>], shape: &Shape, base: &Pose<Base, World>) -> f64 {
+    let sides: Vec<(Vector2<f64>, f64)> = (0..DIRECTIONS)
+        .map(|i| {
+            let normal_rad = TAU * f64::from(i) / f64::from(DIRECTIONS);
+            let normal = Vector2::new(normal_rad.cos(), normal_rad.sin());
+            (normal, shape.outline.support(normal_rad).point.vector().dot(&normal))
+        })
+        .collect();
+    let beyond_m = |point: &Point<Base>| {
+        let at = base.apply(*point).vector();
+        sides.iter().map(|(normal, reach_m)| at.dot(normal) - reach_m).fold(f64::NEG_INFINITY, f64::max)
+    };
+    rest.iter().map(beyond_m).fold(f64::INFINITY, f64::min)
 }
 
 fn truth(base: &Pose<Base, World>, touch: Option<&Touch>) -> TruthInstant {

@@ -92,6 +92,18 @@ def test_robust_a_sweep_without_an_equilibrium_names_the_row(whisker):
         wc.simulate(whisker, wc.Shape.pin([0.055, 0.002]), [0.0, 0.1, 0.5], base[:3], "left")
 
 
+def test_robust_an_object_on_the_other_side_or_ahead_of_the_tip_is_refused(whisker):
+    t_s = np.arange(7) * 0.01
+    base = np.column_stack([np.zeros(7), np.linspace(0.0, 6e-3, 7), np.zeros(7)])
+    circle = wc.Shape.circle([0.05, 0.015], 0.012)
+    assert wc.simulate(whisker, circle, t_s, base, "left").truth["touching"].sum() > 2
+    with pytest.raises(ValueError, match=r"base\[\d\]: found the object .* mm from the undeflected whisker, expected it to meet .* right"):
+        wc.simulate(whisker, circle, t_s, base, "right")
+    ahead = np.column_stack([np.linspace(0.0, 12e-3, 7), np.zeros(7), np.zeros(7)])
+    with pytest.raises(ValueError, match=r"found the undeflected whisker in the object by .* mm and no contact on its left side"):
+        wc.simulate(whisker, wc.Shape.circle([0.1, 0.0], 0.015), t_s, ahead, "left")
+
+
 def test_verif_noise_is_seeded_and_of_the_stated_size(simulated, calibration, trial):
     again = wc.Trial(simulated, calibration, noise=0.01, seed=1)
     assert same_bits(again.readings_n_m, trial.readings_n_m)

@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 use nalgebra::Vector2;
 use serde_json::Value;
 use testbed::dataset::Dataset;
-use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput, SpatialNoise};
+use testbed::front_end::{FrontEndConfig, SpatialFrontEnd, SpatialInput};
 use testbed::settings::merged;
 use testbed::space::{largest_reading_n_m, to_base};
 use trace::{
@@ -225,9 +225,8 @@ impl WhiskerFit<'_> {
             front_end.check_trace(&trace.sidecar)?;
         }
         let noise_sd_n_m = noise_fraction * largest_reading_n_m(traces);
-        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
         let inputs: Vec<SpatialInput<'_>> =
-            traces.iter().map(|trace| SpatialInput::new(trace, noise, settings.seed)).collect();
+            traces.iter().map(|trace| SpatialInput::new(trace, noise_sd_n_m, settings.seed)).collect();
         let sensor = front_end.calibrate(&inputs).with_context(place)?;
         let mut all = Vec::new();
         for trace in traces {

@@ -21,10 +21,7 @@ use chain::noise;
 pub use chain::{Chain, Reader, SensorInput};
 pub use hall::{Config as HallConfig, shift_counts};
 pub use mounting::{BoardSlot, Mounting};
-pub use spatial::{
-    BendingAxes, SPATIAL_FRONT_ENDS, SpatialChain, SpatialFrontEnd, SpatialFrontEndRow, SpatialInput, SpatialNoise,
-    SpatialReading,
-};
+pub use spatial::{BendingAxes, SPATIAL_FRONT_ENDS, SpatialChain, SpatialFrontEnd, SpatialFrontEndRow, SpatialInput};
 pub use whole::Reading;
 
 /// Entry of the registry of front ends.

@@ -6,9 +6,15 @@ use serde_json::Value;
 use super::chain::{Chain, Reader, SensorInput};
 
 pub(super) fn build(config: &Value) -> anyhow::Result<Box<dyn Chain>> {
+    check_none(config)?;
+    Ok(Box::new(White))
+}
+
+/// Checks that there are no settings.
+pub(super) fn check_none(config: &Value) -> anyhow::Result<()> {
     let known = config.as_object().and_then(|settings| settings.keys().next());
     ensure!(known.is_none(), "unknown key `{}`, expected none", known.map_or("", |key| key));
-    Ok(Box::new(White))
+    Ok(())
 }
 
 /// Reads the moment with the white noise that every front end receives.

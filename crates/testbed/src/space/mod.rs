@@ -18,6 +18,5 @@ pub mod view;
 pub mod wire;
 
 pub use estimates::{SpatialEstimateRow, spatial_estimate_row};
-pub(crate) use readings::bending_noise;
-pub use readings::{largest_reading_n_m, noisy_readings_n_m, readings_n_m, to_base, to_world, turned_to};
+pub use readings::{largest_reading_n_m, readings_n_m, to_base, to_world, turned_to};
 pub use rows::SpatialMapRow;

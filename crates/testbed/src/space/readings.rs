@@ -3,31 +3,13 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
-use rand_pcg::Pcg64;
 use trace::{SpatialPose, SpatialTrace};
 use whisker::frames::{Base, World};
 use whisker::space::frames::Pose;
 
-use crate::seeds::derived_seed;
-
 /// Bending moments about y and z of Base at each row (N m), without measurement noise.
 pub fn readings_n_m(trace: &SpatialTrace) -> Vec<Vector2<f64>> {
     trace.recording.instants.iter().map(|now| Vector2::new(now.moment_y_n_m, now.moment_z_n_m)).collect()
-}
-
-/// The same with independent white noise of this standard deviation on both, drawn from the seed and the name of the trace.
-pub fn noisy_readings_n_m(trace: &SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Vec<Vector2<f64>> {
-    let mut noise = bending_noise(&trace.sidecar.name, seed);
-    let noisy = |reading_n_m| reading_n_m + noise_sd_n_m * Vector2::from(noise());
-    readings_n_m(trace).into_iter().map(noisy).collect()
-}
-
-/// Standard normal noise of both bending moments of a trace, one pair per row.
-pub(crate) fn bending_noise(trace: &str, seed: u64) -> impl FnMut() -> [f64; 2] + use<> {
-    let mut random = Pcg64::seed_from_u64(derived_seed(seed, &["white noise in space", trace]));
-    move || std::array::from_fn(|_| random.sample(StandardNormal))
 }
 
 /// Largest bending moment of some traces.

@@ -59,8 +59,6 @@ const NAMES: [&str; COUNT] = [
 /// Number of leading parameters that are positive and fitted by their logarithms.
 const POSITIVE: usize = 3;
 
-const POSITIVE_DEFINITE: &str = "a sum of squares and the identity is positive definite";
-
 /// Lower bound of the noise, relative to the largest reading: the error of the tabulated mechanics.
 const SMALLEST_NOISE: f64 = 1e-6;
 
@@ -439,7 +437,10 @@ impl Prior {
     }
 
     fn learnt(&self, region: &Region<'_>, response: usize, look: Look) -> Result<FittedModel, ModelError> {
-        let covariance = Self::information(&look).cholesky().expect(POSITIVE_DEFINITE).inverse();
+        // The sum of squares and the identity is positive definite, but rounding may make it singular.
+        let factor = Self::information(&look).cholesky();
+        let not_determined = || ModelError::Data("the contacts do not determine the parameters of the elastica".into());
+        let covariance = factor.ok_or_else(not_determined)?.inverse();
         let parameters = look.tuned.parameters;
         let own_sd = covariance.diagonal().map(f64::sqrt);
         let stated = (0..COUNT)

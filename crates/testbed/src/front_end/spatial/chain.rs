@@ -1,26 +1,14 @@
-//! Interface of a front end of traces in space: input, signal chain and reading.
+//! Interface of a front end of traces in space: input and signal chain.
 
 use std::fmt::Debug;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use trace::{SpatialInstant, SpatialRecording, SpatialSensor, SpatialSidecar, SpatialTrace, StatedSuspension};
 
 use crate::seeds::derived_seed;
-use crate::space::bending_noise;
-
-/// Reading of a sensor in space at one instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpatialReading {
-    /// Bending moments about y and z (N m), of the front end's [`BendingAxes`].
-    pub bending_n_m: [f64; 2],
-    /// Torsion about x of Base (N m). `None` if the sensor does not measure it.
-    pub torsion_n_m: Option<f64>,
-    /// Force of the whisker on the base along +x of Base (N). `None` if the sensor does not measure it.
-    pub axial_n: Option<f64>,
-}
 
 /// Axes about which a reading states the bending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,27 +33,6 @@ impl BendingAxes {
     }
 }
 
-/// Standard deviations of the white noise added to the loads.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SpatialNoise {
-    /// Of each component of the moment (N m).
-    pub moment_n_m: f64,
-    /// Of the axial force (N).
-    pub axial_n: f64,
-}
-
-impl SpatialNoise {
-    /// The fraction of the largest moment and of the largest axial force of recordings.
-    pub fn fraction_of<'a>(fraction: f64, recordings: impl IntoIterator<Item = &'a SpatialRecording>) -> Self {
-        let mut largest = Self::default();
-        for instant in recordings.into_iter().flat_map(|recording| &recording.instants) {
-            largest.moment_n_m = largest.moment_n_m.max(moment_n_m(instant).norm());
-            largest.axial_n = largest.axial_n.max(instant.force_x_n.unwrap_or(0.0).abs());
-        }
-        Self { moment_n_m: fraction * largest.moment_n_m, axial_n: fraction * largest.axial_n }
-    }
-}
-
 /// Moment at the root in Base (N m); torsion that the trace does not state is zero.
 pub(in crate::front_end) fn moment_n_m(instant: &SpatialInstant) -> Vector3<f64> {
     Vector3::new(instant.moment_x_n_m.unwrap_or(0.0), instant.moment_y_n_m, instant.moment_z_n_m)
@@ -78,8 +45,8 @@ pub struct SpatialInput<'a> {
     pub sidecar: &'a SpatialSidecar,
     /// Recording.
     pub recording: &'a SpatialRecording,
-    /// Noise added to the loads.
-    pub noise: SpatialNoise,
+    /// Standard deviation of the white noise added to each bending moment (N m).
+    pub noise_sd_n_m: f64,
     /// Seed of the run; the noise of a trace is derived from it and the trace's name.
     pub seed: u64,
     /// Calibration of the sensor, if it requires one.
@@ -88,46 +55,42 @@ pub struct SpatialInput<'a> {
 
 impl<'a> SpatialInput<'a> {
     /// Input from a trace, without a calibration.
-    pub fn new(trace: &'a SpatialTrace, noise: SpatialNoise, seed: u64) -> Self {
-        Self { sidecar: &trace.sidecar, recording: &trace.recording, noise, seed, sensor: None }
+    pub fn new(trace: &'a SpatialTrace, noise_sd_n_m: f64, seed: u64) -> Self {
+        Self { sidecar: &trace.sidecar, recording: &trace.recording, noise_sd_n_m, seed, sensor: None }
     }
 
-    /// Standard normal noise of one component, independent of that of the others.
-    pub(in crate::front_end) fn standard(&self, component: &str) -> impl FnMut() -> f64 + use<> {
-        let seed = derived_seed(self.seed, &["front end in space", component, &self.sidecar.name]);
-        let mut rng = Pcg64::seed_from_u64(seed);
-        move || rng.sample(StandardNormal)
-    }
-
-    /// Moments at the root in Base with white noise on each component (N m), one entry per instant.
-    pub(in crate::front_end) fn moments_n_m(&self) -> impl Iterator<Item = Vector3<f64>> {
-        let (mut torsion, mut bending) = (self.standard("torsion"), bending_noise(&self.sidecar.name, self.seed));
-        let noise_n_m = self.noise.moment_n_m;
-        self.recording.instants.iter().map(move |instant| {
-            let [y, z] = bending();
-            moment_n_m(instant) + noise_n_m * Vector3::new(torsion(), y, z)
-        })
+    /// Bending moments about y and z of Base with white noise (N m), one entry per instant.
+    pub(in crate::front_end) fn bending_n_m(&self) -> impl Iterator<Item = Vector2<f64>> {
+        let mut noise = bending_noise(&self.sidecar.name, self.seed);
+        let exact = self.recording.instants.iter().map(|instant| moment_n_m(instant).yz());
+        exact.map(move |bending_n_m| bending_n_m + self.noise_sd_n_m * Vector2::from(noise()))
     }
 
     /// Directions of the root in Base, one entry per instant: the x axis as yaw and pitch turn it. Twist about it does
     /// not move it. Rotations that the trace does not state follow from the moments.
     pub(in crate::front_end) fn directions(&self) -> impl Iterator<Item = Vector3<f64>> {
         let suspension = self.sidecar.suspension;
-        self.recording.instants.iter().zip(self.moments_n_m()).map(move |(instant, noisy_n_m)| {
-            let added_n_m = noisy_n_m - moment_n_m(instant);
+        self.recording.instants.iter().zip(self.bending_n_m()).map(move |(instant, noisy_n_m)| {
+            let added_n_m = noisy_n_m - moment_n_m(instant).yz();
             let [y_n_m, z_n_m] = BendingAxes::Springs.bending_n_m(moment_n_m(instant), &suspension);
             let stated = instant.rotation.map(|rotation| [rotation.y, rotation.x]);
             let [pitch_rad, yaw_rad] =
                 stated.unwrap_or([y_n_m / suspension.pitch_n_m_rad, z_n_m / suspension.yaw_n_m_rad]);
-            let pitch_rad = pitch_rad + added_n_m.y / suspension.pitch_n_m_rad;
-            let yaw_rad = yaw_rad + added_n_m.z / suspension.yaw_n_m_rad;
+            let pitch_rad = pitch_rad + added_n_m.x / suspension.pitch_n_m_rad;
+            let yaw_rad = yaw_rad + added_n_m.y / suspension.yaw_n_m_rad;
             let yawed = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad);
             yawed * Rotation3::from_axis_angle(&Vector3::y_axis(), pitch_rad) * Vector3::x()
         })
     }
 }
 
-/// Signal chain of a front end of traces in space. A chain without a sensor returns the loads themselves; a chain with
+/// Standard normal noise of both bending moments of a trace, one pair per row.
+fn bending_noise(trace: &str, seed: u64) -> impl FnMut() -> [f64; 2] + use<> {
+    let mut random = Pcg64::seed_from_u64(derived_seed(seed, &["white noise in space", trace]));
+    move || std::array::from_fn(|_| random.sample(StandardNormal))
+}
+
+/// Signal chain of a front end of traces in space. A chain without a sensor returns the moments themselves; a chain with
 /// a sensor converts counts to moments with the sensor's calibration.
 pub trait SpatialChain: Debug + Send + Sync {
     /// Whether the chain has a sensor, with its own noise, that must be calibrated.
@@ -148,9 +111,9 @@ pub trait SpatialChain: Debug + Send + Sync {
         Ok(None)
     }
 
-    /// Readings of a recording, one entry per instant.
+    /// Readings of a recording, one entry per instant: bending moments about y and z of [`Self::axes`] (N m).
     ///
     /// # Errors
     /// If a required calibration is missing.
-    fn readings(&self, input: &SpatialInput) -> anyhow::Result<Vec<SpatialReading>>;
+    fn readings_n_m(&self, input: &SpatialInput) -> anyhow::Result<Vec<Vector2<f64>>>;
 }

@@ -1,5 +1,5 @@
 //! Front ends of traces in space: models of the sensor between the loads at the root and the readings, applied at
-//! replay. A reading is a vector: bending about two axes and, where a sensor has them, torsion and axial force.
+//! replay. A reading consists of the bending moments about two axes.
 //!
 //! To add a front end: one file with a [`SpatialChain`] and one row in [`SPATIAL_FRONT_ENDS`].
 
@@ -10,14 +10,14 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use nalgebra::Vector2;
-use serde_json::Value;
+use serde_json::{Value, json};
 use trace::{SpatialCalibrationFile, SpatialFrontEndFile, SpatialSensor, SpatialSidecar, SpatialTrace};
 
 use super::{FrontEndConfig, check_made_through, hall, make};
 use crate::settings::merged;
 
 pub(super) use chain::moment_n_m;
-pub use chain::{BendingAxes, SpatialChain, SpatialInput, SpatialNoise, SpatialReading};
+pub use chain::{BendingAxes, SpatialChain, SpatialInput};
 
 /// Entry of the registry of front ends of traces in space.
 pub struct SpatialFrontEndRow {
@@ -25,7 +25,7 @@ pub struct SpatialFrontEndRow {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
-    /// Default noise added to the simulated loads, as a fraction of the largest moment and of the largest axial force.
+    /// Default noise added to the simulated loads, as a fraction of the largest reading.
     pub noise: f64,
     /// Default settings.
     pub defaults: fn() -> Value,
@@ -37,9 +37,9 @@ pub struct SpatialFrontEndRow {
 pub const SPATIAL_FRONT_ENDS: &[SpatialFrontEndRow] = &[
     SpatialFrontEndRow {
         name: "white",
-        about: "root moments and, if measured, axial force, each with white noise",
+        about: "bending moments at the root, each with white noise",
         noise: 0.01,
-        defaults: white::defaults,
+        defaults: || json!({}),
         build: white::build,
     },
     SpatialFrontEndRow {
@@ -129,10 +129,10 @@ impl SpatialFrontEnd {
     }
 
     /// Bending moments about y and z of the front end's [`Self::axes`] (N m), one entry per instant of a trace, with white noise of
-    /// this standard deviation on the moments.
+    /// this standard deviation on each. Those of equal inputs and seeds are equal.
     ///
     /// # Errors
-    /// As [`Self::readings`].
+    /// If a required calibration is missing.
     pub fn bending_n_m(
         &self,
         trace: &SpatialTrace,
@@ -140,9 +140,7 @@ impl SpatialFrontEnd {
         seed: u64,
         sensor: Option<&SpatialSensor>,
     ) -> anyhow::Result<Vec<Vector2<f64>>> {
-        let noise = SpatialNoise { moment_n_m: noise_sd_n_m, axial_n: 0.0 };
-        let readings = self.readings(&SpatialInput { sensor, ..SpatialInput::new(trace, noise, seed) })?;
-        Ok(readings.into_iter().map(|reading| reading.bending_n_m.into()).collect())
+        self.chain.readings_n_m(&SpatialInput { sensor, ..SpatialInput::new(trace, noise_sd_n_m, seed) })
     }
 
     /// The same without noise and errors of the sensor.
@@ -164,23 +162,6 @@ impl SpatialFrontEnd {
     pub fn calibrate(&self, recordings: &[SpatialInput]) -> anyhow::Result<Option<SpatialSensor>> {
         self.chain.calibrate(recordings)
     }
-
-    /// Readings of a recording, one entry per instant. Those of equal inputs and seeds are equal.
-    ///
-    /// # Errors
-    /// If a required calibration is missing.
-    pub fn readings(&self, input: &SpatialInput) -> anyhow::Result<Vec<SpatialReading>> {
-        self.chain.readings(input)
-    }
-}
-
-/// Checks that settings have no key beyond those of `known`.
-fn check_keys(config: &Value, known: &Value) -> anyhow::Result<()> {
-    for key in config.as_object().into_iter().flat_map(|settings| settings.keys()) {
-        let expected: Vec<&str> = known.as_object().into_iter().flatten().map(|(key, _)| key.as_str()).collect();
-        ensure!(known.get(key).is_some(), "unknown key `{key}`, expected one of: {}", expected.join(", "));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

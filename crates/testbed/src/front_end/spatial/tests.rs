@@ -5,6 +5,7 @@ use serde_json::json;
 use trace::{SpatialInstant, SpatialTrace};
 
 use super::*;
+use crate::space::largest_reading_n_m;
 use crate::statistics::rms;
 
 pub(in crate::front_end) fn golden() -> SpatialTrace {
@@ -46,12 +47,9 @@ fn verif_every_front_end_reads_a_trace() {
     let rod = trace.sidecar.suspension;
     for row in SPATIAL_FRONT_ENDS {
         let front_end = front_end(row.name, json!({})).unwrap();
-        let noise = SpatialNoise::fraction_of(0.01, [&trace.recording]);
-        let sensor = front_end.calibrate(&[SpatialInput::new(&calibration, SpatialNoise::default(), 7)]).unwrap();
-        let read = |seed| {
-            let input = SpatialInput { sensor: sensor.as_ref(), ..SpatialInput::new(&trace, noise, seed) };
-            front_end.readings(&input).unwrap()
-        };
+        let noise_sd_n_m = 0.01 * largest_reading_n_m([&trace]);
+        let sensor = front_end.calibrate(&[SpatialInput::new(&calibration, 0.0, 7)]).unwrap();
+        let read = |seed| front_end.bending_n_m(&trace, noise_sd_n_m, seed, sensor.as_ref()).unwrap();
         let readings = read(1);
         assert_eq!(readings.len(), trace.recording.instants.len(), "{}", row.name);
         assert_eq!(readings, read(1), "{}", row.name);
@@ -62,61 +60,34 @@ fn verif_every_front_end_reads_a_trace() {
                 .zip(&trace.recording.instants)
                 .map(|(reading, instant)| {
                     let expected = front_end.axes().bending_n_m(chain::moment_n_m(instant), &rod);
-                    reading.bending_n_m[axis] - expected[axis]
+                    reading[axis] - expected[axis]
                 })
                 .collect();
             let own_n_m =
                 sensor.as_ref().map_or(0.0, |sensor| sensor.noise_sd_n_m[axis].hypot(sensor.offset_sd_n_m[axis]));
-            let ratio = rms(&errors).unwrap() / noise.moment_n_m.hypot(own_n_m);
+            let ratio = rms(&errors).unwrap() / noise_sd_n_m.hypot(own_n_m);
             assert!((0.8..1.25).contains(&ratio), "{}, axis {axis}: error over the noise {ratio}", row.name);
         }
     }
 }
 
 #[test]
-fn verif_the_default_front_end_reads_the_moments_with_the_white_noise_of_traces_in_space() {
+fn verif_white_noise_has_the_stated_deviation_on_each_moment() {
     let trace = golden();
     let white = SpatialFrontEnd::new(&FrontEndConfig::default()).unwrap();
-    let readings = white.bending_n_m(&trace, 2e-7, 3, None).unwrap();
-    assert_eq!(readings, crate::space::noisy_readings_n_m(&trace, 2e-7, 3));
-}
-
-#[test]
-fn verif_white_noise_has_the_stated_deviation_on_each_component() {
-    let trace = golden();
-    let noise = SpatialNoise { moment_n_m: 2e-7, axial_n: 3e-5 };
-    let white = front_end("white", json!({})).unwrap();
-    let mut errors = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
+    let mut errors = [Vec::new(), Vec::new()];
     for seed in 0..10 {
-        let readings = white.readings(&SpatialInput::new(&trace, noise, seed)).unwrap();
+        let readings = white.bending_n_m(&trace, 2e-7, seed, None).unwrap();
         for (reading, instant) in readings.iter().zip(&trace.recording.instants) {
-            errors[0].push(reading.torsion_n_m.unwrap() - instant.moment_x_n_m.unwrap());
-            errors[1].push(reading.bending_n_m[0] - instant.moment_y_n_m);
-            errors[2].push(reading.bending_n_m[1] - instant.moment_z_n_m);
-            errors[3].push(reading.axial_n.unwrap() - instant.force_x_n.unwrap());
+            errors[0].push(reading.x - instant.moment_y_n_m);
+            errors[1].push(reading.y - instant.moment_z_n_m);
         }
     }
-    for (component, expected) in errors.iter().zip([2e-7, 2e-7, 2e-7, 3e-5]) {
-        assert!((rms(component).unwrap() / expected - 1.0).abs() < 0.05);
+    for errors in &errors {
+        assert!((rms(errors).unwrap() / 2e-7 - 1.0).abs() < 0.05);
     }
     let product = errors[0].iter().zip(&errors[1]).map(|(one, other)| one * other).sum::<f64>();
-    assert!(product.abs() < 0.05 * errors[0].len() as f64 * 4e-14, "components have independent noise");
-}
-
-#[test]
-fn verif_components_that_are_not_measured_are_missing() {
-    let mut trace = golden();
-    let bending_alone = front_end("white", json!({"torsion": false, "axial": false})).unwrap();
-    let read = |front_end: &SpatialFrontEnd, trace: &SpatialTrace| {
-        front_end.readings(&SpatialInput::new(trace, SpatialNoise::default(), 1)).unwrap()[300]
-    };
-    let reading = read(&bending_alone, &trace);
-    assert_eq!((reading.torsion_n_m, reading.axial_n), (None, None));
-    let whole = front_end("white", json!({})).unwrap();
-    assert!(read(&whole, &trace).torsion_n_m.is_some() && read(&whole, &trace).axial_n.is_some());
-    trace.recording.instants.iter_mut().for_each(|one| (one.moment_x_n_m, one.force_x_n) = (None, None));
-    let reading = read(&whole, &trace);
-    assert_eq!((reading.torsion_n_m, reading.axial_n), (None, None));
+    assert!(product.abs() < 0.05 * errors[0].len() as f64 * 4e-14, "both have independent noise");
 }
 
 /// Stiffness times angle of the two bending springs, for the stored rotations of the root.
@@ -137,8 +108,7 @@ fn val_bending_about_the_springs_is_stiffness_times_angle() {
 #[test]
 fn robust_invalid_settings_are_reported_by_name() {
     for (name, config, words) in [
-        ("white", json!({"tension": true}), ["`white`", "unknown key `tension`", "torsion"]),
-        ("white", json!({"torsion": 1}), ["`white`", "expected a boolean", ""]),
+        ("white", json!({"torsion": true}), ["`white`", "unknown key `torsion`", "expected none"]),
         ("hall", json!({"gap_m": 0.0}), ["`hall`", "`gap_m`", "found 0"]),
         ("optical", json!({}), ["unknown front end `optical`", "white", "hall"]),
     ] {

@@ -13,7 +13,7 @@ mod board;
 mod common_mode;
 
 use anyhow::{Context, ensure};
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use serde_json::Value;
 use trace::{SpatialCharacteristic, SpatialSensor};
 use whisker::estimators::parse;
@@ -21,7 +21,7 @@ use whisker::estimators::parse;
 use super::board::samples_in;
 use super::config::Config;
 use super::{REST_S, RESTS};
-use crate::front_end::spatial::{BendingAxes, SpatialChain, SpatialInput, SpatialReading, moment_n_m};
+use crate::front_end::spatial::{BendingAxes, SpatialChain, SpatialInput, moment_n_m};
 use crate::statistics::{mean, rms};
 use board::{Board, BoardReader, Counts, rotation_of};
 
@@ -143,19 +143,14 @@ impl SpatialChain for Hall {
         Ok(Some(sensor))
     }
 
-    fn readings(&self, input: &SpatialInput) -> anyhow::Result<Vec<SpatialReading>> {
+    fn readings_n_m(&self, input: &SpatialInput) -> anyhow::Result<Vec<Vector2<f64>>> {
         let sensor = input
             .sensor
             .context("a Hall sensor reads counts and must be calibrated: found no calibration of the sensor")?;
         let (found, expected) = (&sensor.name, &input.sidecar.whisker.name);
         ensure!(found == expected, "found the calibration of the sensor `{found}`, expected that of `{expected}`");
         let counts = self.counts(input, &of_reference(sensor));
-        let reading = |counts: Vector3<f64>| SpatialReading {
-            bending_n_m: sensor.characteristic.bending_n_m(counts),
-            torsion_n_m: None,
-            axial_n: None,
-        };
-        Ok(counts.into_iter().map(reading).collect())
+        Ok(counts.into_iter().map(|counts| sensor.characteristic.bending_n_m(counts).into()).collect())
     }
 }
 

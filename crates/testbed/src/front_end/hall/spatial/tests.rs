@@ -2,7 +2,7 @@ use nalgebra::UnitQuaternion;
 use trace::SpatialTrace;
 
 use super::*;
-use crate::front_end::spatial::{SpatialNoise, golden, spiral};
+use crate::front_end::spatial::{golden, spiral};
 
 /// Settings without noise and drift, with a gain at which rounding of the counts is negligible.
 fn quiet() -> Config {
@@ -18,14 +18,14 @@ fn quiet() -> Config {
 }
 
 fn input(trace: &SpatialTrace) -> SpatialInput<'_> {
-    SpatialInput::new(trace, SpatialNoise::default(), 1)
+    SpatialInput::new(trace, 0.0, 1)
 }
 
 fn largest_error_n_m(hall: &Hall, trace: &SpatialTrace, sensor: &SpatialSensor) -> f64 {
-    let readings = hall.readings(&SpatialInput { sensor: Some(sensor), ..input(trace) }).unwrap();
+    let readings = hall.readings_n_m(&SpatialInput { sensor: Some(sensor), ..input(trace) }).unwrap();
     let errors = readings.iter().zip(&trace.recording.instants).map(|(reading, instant)| {
         let expected = hall.axes().bending_n_m(moment_n_m(instant), &trace.sidecar.suspension);
-        (reading.bending_n_m[0] - expected[0]).hypot(reading.bending_n_m[1] - expected[1])
+        (reading[0] - expected[0]).hypot(reading[1] - expected[1])
     });
     errors.fold(0.0, f64::max)
 }
@@ -95,10 +95,10 @@ fn verif_reading_errors_match_the_calibrated_noise() {
     let sensor = hall.calibrate(&[input(&spiral())]).unwrap().unwrap();
     let mut errors = [Vec::new(), Vec::new()];
     for seed in 1..=10 {
-        let readings = hall.readings(&SpatialInput { seed, sensor: Some(&sensor), ..input(&trace) }).unwrap();
+        let readings = hall.readings_n_m(&SpatialInput { seed, sensor: Some(&sensor), ..input(&trace) }).unwrap();
         for (reading, instant) in readings.iter().zip(&trace.recording.instants) {
             let expected = hall.axes().bending_n_m(moment_n_m(instant), &trace.sidecar.suspension);
-            (0..2).for_each(|axis| errors[axis].push(reading.bending_n_m[axis] - expected[axis]));
+            (0..2).for_each(|axis| errors[axis].push(reading[axis] - expected[axis]));
         }
     }
     for (axis, errors) in errors.iter().enumerate() {
@@ -124,11 +124,11 @@ fn verif_missing_rotations_are_replaced_by_moment_over_stiffness() {
 fn robust_wrong_calibrations_are_one_clear_error() {
     let hall = Hall { config: Config::default() };
     let trace = golden();
-    let error = hall.readings(&input(&trace)).unwrap_err().to_string();
+    let error = hall.readings_n_m(&input(&trace)).unwrap_err().to_string();
     assert!(error.contains("must be calibrated"), "{error}");
     let sensor = hall.calibrate(&[input(&spiral())]).unwrap().unwrap();
     let other = SpatialSensor { name: "other".into(), ..sensor };
-    let error = hall.readings(&SpatialInput { sensor: Some(&other), ..input(&trace) }).unwrap_err().to_string();
+    let error = hall.readings_n_m(&SpatialInput { sensor: Some(&other), ..input(&trace) }).unwrap_err().to_string();
     assert!(error.contains("`other`") && error.contains(&trace.sidecar.whisker.name), "{error}");
     let loud = Hall { config: Config { gain_counts_per_t: 1e9, ..Config::default() } };
     let error = loud.calibrate(&[input(&spiral())]).unwrap_err().to_string();
