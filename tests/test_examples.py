@@ -36,7 +36,7 @@ def first_line() -> dict:
     return {"protocol": 2, "noise_sd_n_m": 1e-6, "shape": shape, "table": {key: of.tolist() for key, of in table.items()}}
 
 
-def test_the_filter_in_space_finds_a_contact_at_rest() -> None:
+def test_verif_the_filter_in_space_finds_a_contact_at_rest() -> None:
     """The base moves across the whisker and yaws; the first row is free."""
     contact_m, last_m, true_m, lines = np.array([0.04, 2e-3, 1e-3]), np.zeros(3), [], [json.dumps(first_line())]
     for row in range(300):
@@ -61,7 +61,7 @@ def test_the_filter_in_space_finds_a_contact_at_rest() -> None:
     assert np.linalg.norm(found_m - true_m[-1]) < 1e-3
 
 
-def test_each_filter_rejects_the_protocol_of_the_other() -> None:
+def test_robust_each_filter_rejects_the_protocol_of_the_other() -> None:
     for script, protocol, expected in (("my_filter.py", 2, 1), ("my_filter_space.py", 1, 2)):
         command = [sys.executable, f"examples/{script}"]
         line = json.dumps({"protocol": protocol})
@@ -70,7 +70,7 @@ def test_each_filter_rejects_the_protocol_of_the_other() -> None:
         assert f"protocol: found {protocol}, expected {expected}" in done.stderr
 
 
-def test_the_stream_sends_the_counts_of_every_row_and_begins_with_the_free_whisker() -> None:
+def test_verif_the_stream_sends_the_counts_of_every_row_and_begins_with_the_free_whisker() -> None:
     lines = list(STREAM["lines"]())
     assert len(lines) == len((ROOT / "examples" / "own-data" / "trial_1.csv").read_text(encoding="utf-8").splitlines()) - 1
     assert all(set(line) == {"t_s", "base_x_m", "base_y_m", "base_yaw_rad", "counts"} for line in lines)
@@ -78,13 +78,13 @@ def test_the_stream_sends_the_counts_of_every_row_and_begins_with_the_free_whisk
     assert [line["counts"] for line in lines if line["t_s"] <= end_s] == pytest.approx([512.0] * 30, abs=6.0)
 
 
-def test_the_stream_states_the_pose_of_the_root() -> None:
+def test_verif_the_stream_states_the_pose_of_the_root() -> None:
     """The flange points along +y: the root is 30 mm ahead of it and 10 mm to its right, and points along -x."""
     found = STREAM["base"]((0.4, 0.1, math.pi / 2))
     assert found == pytest.approx({"base_x_m": 0.41, "base_y_m": 0.13, "base_yaw_rad": math.pi})
 
 
-def test_the_stream_in_space_sends_the_counts_of_every_row() -> None:
+def test_verif_the_stream_in_space_sends_the_counts_of_every_row() -> None:
     lines = list(STREAM_IN_SPACE["lines"]())
     recording = ROOT / "examples" / "own-data-space" / "trial_1.csv"
     assert len(lines) == len(recording.read_text(encoding="utf-8").splitlines()) - 1
@@ -95,7 +95,7 @@ def test_the_stream_in_space_sends_the_counts_of_every_row() -> None:
     assert np.abs(at_rest - [512.0, -140.0]).max() <= 6.0
 
 
-def test_the_stream_in_space_states_the_pose_of_the_root() -> None:
+def test_verif_the_stream_in_space_states_the_pose_of_the_root() -> None:
     """The flange is turned by a right angle about +z, so that its y axis is -x: the whisker points there, 30 degrees down."""
     half = math.sqrt(0.5)
     found = STREAM_IN_SPACE["base"]((0.4, 0.1, 0.3), (half, 0.0, 0.0, half))

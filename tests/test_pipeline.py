@@ -38,7 +38,7 @@ def without_timing(path: Path) -> list[dict[str, str]]:
     return [{key: value for key, value in row.items() if key != "step_ns"} for row in rows(path)]
 
 
-def test_results_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
+def test_verif_results_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     for threads in (1, 2):
         arguments = ["--threads", str(threads), "--name", f"threads_{threads}", "--results", tmp_path, "--seeds", "3"]
         whisker("evaluate", SUITE, *arguments)
@@ -48,7 +48,7 @@ def test_results_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     assert without_timing(one / "summary.csv") == without_timing(two / "summary.csv")
 
 
-def test_up_to_date_results_are_reused(tmp_path: Path) -> None:
+def test_verif_up_to_date_results_are_reused(tmp_path: Path) -> None:
     arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf", "--seeds", "1"]
     assert "up to date" not in whisker(*arguments)
     before = (tmp_path / "smoke" / "summary.csv").read_bytes()
@@ -63,7 +63,7 @@ def test_up_to_date_results_are_reused(tmp_path: Path) -> None:
     assert "up to date" not in whisker(*fit, "--model", "polynomial", "--config", '{"degree": 4}')
 
 
-def test_settings_take_effect_and_are_recorded(tmp_path: Path) -> None:
+def test_verif_settings_take_effect_and_are_recorded(tmp_path: Path) -> None:
     settings = tmp_path / "settings.json"
     settings.write_text(json.dumps({"ekf": {"fading": 1.5}}))
     arguments = ["evaluate", SUITE, "--results", tmp_path, "--estimators", "ekf,ukf", "--seeds", "1"]
@@ -79,7 +79,7 @@ def test_settings_take_effect_and_are_recorded(tmp_path: Path) -> None:
     assert plain["smoke_pin", "ukf"] == changed["smoke_pin", "ukf"]
 
 
-def test_replay_gives_the_estimates_that_evaluate_scores(tmp_path: Path) -> None:
+def test_verif_replay_gives_the_estimates_that_evaluate_scores(tmp_path: Path) -> None:
     """Without noise the readings, and hence the estimates, are the same."""
     whisker("evaluate", SUITE, "--results", tmp_path, "--estimators", "ukf", "--noise", "0", "--seeds", "1")
     out = tmp_path / "replay.csv"
@@ -88,7 +88,7 @@ def test_replay_gives_the_estimates_that_evaluate_scores(tmp_path: Path) -> None
     assert whisker("replay", TRACE, "--estimator", "ukf", "--noise", "0") == out.read_text()
 
 
-def test_a_hall_sensor_is_calibrated_evaluated_and_reported(tmp_path: Path) -> None:
+def test_verif_a_hall_sensor_is_calibrated_evaluated_and_reported(tmp_path: Path) -> None:
     calibrations, front_end = tmp_path / "calibrations", ["--front-end", "hall"]
     whisker("fit", SUITE, *front_end, "--out", calibrations, "--model", "elastica")
     arguments = ["--calibrations", calibrations, "--results", tmp_path, "--estimators", "ukf", "--seeds", "1"]
@@ -105,7 +105,7 @@ def test_a_hall_sensor_is_calibrated_evaluated_and_reported(tmp_path: Path) -> N
         assert kind in checked
 
 
-def test_an_external_program_is_evaluated_and_finds_the_pin(tmp_path: Path) -> None:
+def test_verif_an_external_program_is_evaluated_and_finds_the_pin(tmp_path: Path) -> None:
     program = ["--estimators", "ekf", "--exec", f"{sys.executable} examples/my_filter.py"]
     for threads in (1, 2):
         arguments = ["--threads", str(threads), "--name", f"threads_{threads}", "--results", tmp_path, "--seeds", "2"]
@@ -123,7 +123,7 @@ def test_an_external_program_is_evaluated_and_finds_the_pin(tmp_path: Path) -> N
     assert "my_filter" in (one / "index.html").read_text()
 
 
-def test_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
+def test_robust_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
     arguments = ["--estimators", "ekf", "--results", tmp_path, "--seeds", "1"]
     whisker("evaluate", SUITE, *arguments, "--exec", f"mute={sys.executable} -c pass", code=3)
     failures = rows(tmp_path / "smoke" / "failures.csv")
@@ -133,7 +133,7 @@ def test_a_program_that_fails_is_recorded(tmp_path: Path) -> None:
         assert "before its answer to row 1" in failure["reason"]
 
 
-def test_estimators_without_their_sensor_model_are_omitted_unless_requested(tmp_path: Path) -> None:
+def test_robust_estimators_without_their_sensor_model_are_omitted_unless_requested(tmp_path: Path) -> None:
     calibrations = tmp_path / "calibrations"
     whisker("fit", SUITE, "--out", calibrations, "--model", "elastica")
     arguments = ["evaluate", SUITE, "--calibrations", calibrations, "--results", tmp_path, "--seeds", "1"]
@@ -144,7 +144,7 @@ def test_estimators_without_their_sensor_model_are_omitted_unless_requested(tmp_
     whisker(*arguments, "--estimators", "paper-ekf", code=1)
 
 
-def test_check_recognises_every_kind_of_file() -> None:
+def test_verif_check_recognises_every_kind_of_file() -> None:
     run = Path("results/smoke")
     tables = [run / folder for folder in ("bounds", "contours", "estimates", "events", "models", "outlines")]
     checked = whisker("check", "datasets/smoke", "datasets/smoke/calibrations", SUITE, run, *tables)
@@ -154,7 +154,7 @@ def test_check_recognises_every_kind_of_file() -> None:
         assert kind in checked
 
 
-def test_list_prints_every_registry() -> None:
+def test_verif_list_prints_every_registry() -> None:
     overview = whisker("list")
     for name in ("euler-bernoulli-calibrated", "polynomial", "hall", "error_over_time", "claims", "generator"):
         assert name in overview

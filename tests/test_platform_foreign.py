@@ -52,7 +52,7 @@ def rig(whisker: Path) -> Iterator[dict[str, str]]:
     assert process.wait(10) == 0
 
 
-def test_our_driver_drives_octoprints_printer(python: Path, whisker: Path, rig: dict[str, str], tmp_path: Path) -> None:
+def test_val_our_driver_drives_octoprints_printer(python: Path, whisker: Path, rig: dict[str, str], tmp_path: Path) -> None:
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     command = [python, FOREIGN / "octoprint_printer.py"]
     printer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
@@ -73,7 +73,7 @@ def test_our_driver_drives_octoprints_printer(python: Path, whisker: Path, rig: 
     assert len(pushed) == 16
 
 
-def test_printruns_client_drives_our_printer(python: Path, rig: dict[str, str]) -> None:
+def test_val_printruns_client_drives_our_printer(python: Path, rig: dict[str, str]) -> None:
     command = [python, FOREIGN / "printcore_client.py", rig["printer"]]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -102,13 +102,13 @@ def opened(browser, address: str, request: pytest.FixtureRequest) -> Iterator:
     page.close()
 
 
-def test_there_are_no_requests_and_the_console_is_empty(opened, address):
+def test_verif_there_are_no_requests_and_the_console_is_empty(opened, address):
     outside = [url for url in opened.requests if url != address and not url.startswith("data:")]
     assert outside == []
     assert opened.console_lines == []
 
 
-def test_every_figure_is_visible(opened, report):
+def test_verif_every_figure_is_visible(opened, report):
     names = sorted(drawing.stem for drawing in (report.parent / "figures").glob("*.svg"))
     assert len(names) >= 4
     assert opened.locator("figure svg").count() == len(names)
@@ -124,7 +124,7 @@ def test_every_figure_is_visible(opened, report):
         assert len(opened.locator(f"section#{name} figcaption").inner_text()) > 60, name
 
 
-def test_figures_of_all_methods_are_collapsed_and_open_without_scripts(browser, address, report):
+def test_verif_figures_of_all_methods_are_collapsed_and_open_without_scripts(browser, address, report):
     page = browser.new_page(java_script_enabled=False, viewport=VIEWPORTS["desktop"])
     page.goto(address)
     drawings = page.locator("details.all svg")
@@ -139,11 +139,11 @@ def test_figures_of_all_methods_are_collapsed_and_open_without_scripts(browser, 
     page.close()
 
 
-def test_the_summary_comes_first(opened):
+def test_verif_the_summary_comes_first(opened):
     assert opened.locator("main section").first.get_attribute("id") == "summary"
 
 
-def test_the_stills_of_sweeps_link_to_their_animations(opened, address, report):
+def test_verif_the_stills_of_sweeps_link_to_their_animations(opened, address, report):
     animations = sorted(file.name for file in (report.parent / "animations").glob("*.webp"))
     links = opened.locator("section#sweeps a")
     assert sorted(link.get_attribute("href") for link in links.all()) == [f"animations/{name}" for name in animations]
@@ -160,7 +160,7 @@ def test_the_stills_of_sweeps_link_to_their_animations(opened, address, report):
         assert b"ANIM" in animation[:64]
 
 
-def test_no_text_of_a_figure_is_cut_off(opened):
+def test_verif_no_text_of_a_figure_is_cut_off(opened):
     cut = opened.evaluate(
         """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {
             const frame = svg.getBoundingClientRect();
@@ -174,7 +174,7 @@ def test_no_text_of_a_figure_is_cut_off(opened):
     assert cut == []
 
 
-def test_no_two_texts_of_a_figure_overlap(opened):
+def test_verif_no_two_texts_of_a_figure_overlap(opened):
     overlapping = opened.evaluate(
         """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {
             const texts = [...svg.querySelectorAll('text')].filter(text => text.textContent.trim())
@@ -193,7 +193,7 @@ def replay_part(page, name):
     return page.locator(f"#replay [data-part={name}]")
 
 
-def test_the_replay_follows_its_slider(opened):
+def test_verif_the_replay_follows_its_slider(opened):
     cursor = replay_part(opened, "error").locator(".cursor")
     wire = replay_part(opened, "overview").locator(".wire")
     slider = replay_part(opened, "time")
@@ -213,7 +213,7 @@ def test_the_replay_follows_its_slider(opened):
     assert opened.console_lines == []
 
 
-def test_the_replay_plays_and_pauses_and_ends(opened):
+def test_verif_the_replay_plays_and_pauses_and_ends(opened):
     button, slider = replay_part(opened, "play"), replay_part(opened, "time")
     slider.focus()
     slider.press("Home")
@@ -246,7 +246,7 @@ def sets_and_estimators(run):
     return sorted(scored), list(described["estimators"])
 
 
-def test_the_replay_shows_every_trial_and_estimator(opened, report):
+def test_verif_the_replay_shows_every_trial_and_estimator(opened, report):
     sets, names = sets_and_estimators(report.parent)
     trials, estimators = replay_part(opened, "trial"), replay_part(opened, "estimator")
     assert trials.locator("option").count() == len(sets)
@@ -279,7 +279,7 @@ def test_the_replay_shows_every_trial_and_estimator(opened, report):
     assert opened.console_lines == []
 
 
-def test_the_replay_is_a_slide_show_with_reduced_motion(browser, address):
+def test_verif_the_replay_is_a_slide_show_with_reduced_motion(browser, address):
     page = browser.new_page(reduced_motion="reduce")
     page.goto(address)
     replay_part(page, "play").click()
@@ -289,17 +289,17 @@ def test_the_replay_is_a_slide_show_with_reduced_motion(browser, address):
     page.close()
 
 
-def test_the_page_fits_its_window(opened):
+def test_verif_the_page_fits_its_window(opened):
     width, window = opened.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
     assert width <= window
 
 
-def test_the_embedded_font_is_used(opened):
+def test_verif_the_embedded_font_is_used(opened):
     loaded = opened.evaluate("[...document.fonts].filter(face => face.status === 'loaded').map(face => face.family)")
     assert "Inter" in loaded
 
 
-def test_the_summary_has_marked_best_values_and_the_footer_its_watermark(opened):
+def test_verif_the_summary_has_marked_best_values_and_the_footer_its_watermark(opened):
     summary = opened.locator("section#summary table")
     assert summary.locator("tbody tr").count() >= 2
     assert summary.locator("b.best").count() >= 1
@@ -309,14 +309,14 @@ def test_the_summary_has_marked_best_values_and_the_footer_its_watermark(opened)
         assert word in watermark
 
 
-def test_linked_files_exist(opened, address):
+def test_verif_linked_files_exist(opened, address):
     links = opened.evaluate("[...document.querySelectorAll('a')].map(link => link.href).filter(href => !href.includes('#'))")
     assert len(links) >= 4
     for link in links:
         assert opened.request.get(link).ok, link
 
 
-def test_stand_alone_figures_embed_their_font(browser, address):
+def test_verif_stand_alone_figures_embed_their_font(browser, address):
     page = browser.new_page()
     page.goto(address)
     links = page.evaluate("[...document.querySelectorAll('figcaption a')].map(link => link.href)")

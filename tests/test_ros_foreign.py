@@ -111,13 +111,13 @@ def totals_of_trace() -> Totals:
 
 
 @pytest.mark.parametrize("reader", ["rosbags", "mcap_ros2"])
-def test_third_party_readers_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
+def test_val_third_party_readers_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     assert totals(output(python, FOREIGN / "read_bag.py", folder, reader)) == totals_of_trace()
 
 
-def test_a_third_party_recording_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_recording_becomes_a_log(python: Path, whisker: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "foreign", tmp_path / "log"
     output(python, FOREIGN / "write_bag.py", folder, "openwhisker", "8000")
     assert "8000" not in output(whisker, "bag", "info", folder)  # in messages of 80 readings
@@ -128,7 +128,7 @@ def test_a_third_party_recording_becomes_a_log(python: Path, whisker: Path, tmp_
 
 
 @in_a_namespace
-def test_a_third_party_node_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_node_receives_every_message(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
     script = f"""
@@ -142,7 +142,7 @@ def test_a_third_party_node_receives_every_message(python: Path, node: Path, tmp
 
 
 @in_a_namespace
-def test_a_third_party_service_call_runs_the_routine(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_service_call_runs_the_routine(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
     printer, sensor = tmp_path / "printer", tmp_path / "sensor"
     script = f"""
         {LOOPBACK}
@@ -172,7 +172,7 @@ def fed(node: Path, *arguments: str | Path) -> Iterator[TextIO]:
         process.wait(30)
 
 
-def test_a_third_party_listener_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_listener_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     with fed(node, "play", folder, "--wait-for", "/moment") as lines:
@@ -180,7 +180,7 @@ def test_a_third_party_listener_receives_every_message_of_a_trace(python: Path, 
         assert totals(output(python, FOREIGN / "read_bag.py", url, "foxglove")) == totals_of_trace()
 
 
-def test_a_third_party_listener_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_listener_receives_every_message_of_a_minute(python: Path, node: Path, tmp_path: Path) -> None:
     folder, expected = tmp_path / "stream", STREAM_S * RATE_HZ
     output(python, FOREIGN / "write_bag.py", folder, "stream", str(expected))
     with fed(node, "play", folder, "--wait-for", "/field") as lines:
@@ -189,7 +189,7 @@ def test_a_third_party_listener_receives_every_message_of_a_minute(python: Path,
     assert received == {"/field": (expected, expected * (expected - 1) / 2)}
 
 
-def test_a_third_party_listener_runs_the_routine(python: Path, whisker: Path, node: Path) -> None:
+def test_val_a_third_party_listener_runs_the_routine(python: Path, whisker: Path, node: Path) -> None:
     with subprocess.Popen([whisker, "platform", "emulate"], stdout=subprocess.PIPE, text=True) as rig:
         ports = dict(rig.stdout.readline().split() for _ in range(2))
         run = ["run", "--printer", ports["printer"], "--sensor", ports["sensor"], "--speed", "15000"]
@@ -237,7 +237,7 @@ def received(table: Path) -> Contacts:
 
 
 @in_a_namespace
-def test_third_party_listeners_receive_the_contacts_of_a_replay(
+def test_val_third_party_listeners_receive_the_contacts_of_a_replay(
     python: Path, whisker: Path, node: Path, calibration: Path, tmp_path: Path
 ) -> None:
     """A third-party client plays a recording by DDS; others listen by DDS and by the Foxglove protocol."""

@@ -44,7 +44,7 @@ fn value() -> impl Strategy<Value = Value> {
 proptest! {
     /// A cell is parsed as its exact decimal value or rejected with file, line and column.
     #[test]
-    fn a_cell_is_a_number_or_refused(cell in nearly_a_number(), column in 0..COLUMNS.len()) {
+    fn robust_a_cell_is_a_number_or_refused(cell in nearly_a_number(), column in 0..COLUMNS.len()) {
         let names = COLUMNS.map(|(name, _)| name).join(",");
         let mut cells: Vec<&str> = vec!["0"; 9];
         cells.resize(COLUMNS.len(), "");
@@ -57,7 +57,7 @@ proptest! {
 
     /// Tables of a run preserve arbitrary text.
     #[test]
-    fn tables_preserve_arbitrary_text(
+    fn verif_tables_preserve_arbitrary_text(
         words in prop::collection::vec(
             ("(?s).{0,12}|nan|inf|-infinity|1e999|\"|,|\"\"\"|\r\n", prop::option::of("(?s).{1,8}|nan")),
             0..6,
@@ -75,7 +75,7 @@ proptest! {
 
     /// JSON is accepted unless an object at any depth has a duplicate key.
     #[test]
-    fn json_with_duplicate_keys_is_rejected(inner in value(), depth in 0..5, key in "[a-z]{1,3}") {
+    fn robust_json_with_duplicate_keys_is_rejected(inner in value(), depth in 0..5, key in "[a-z]{1,3}") {
         let around = |text: String, level: i32| match level % 2 {
             0 => format!("[1, {text}]"),
             _ => format!("{{\"a\": {text}}}"),
@@ -89,7 +89,7 @@ proptest! {
 
     /// A plain name is a single path component without control characters.
     #[test]
-    fn a_plain_name_stays_in_its_folder(name in "(?s).{0,12}|\\.{1,3}|(\\.\\./){1,3}x|/etc/x|a\\\\b|a\u{0}b|a\nb") {
+    fn robust_a_plain_name_stays_in_its_folder(name in "(?s).{0,12}|\\.{1,3}|(\\.\\./){1,3}x|/etc/x|a\\\\b|a\u{0}b|a\nb") {
         if is_plain_name(&name) {
             let path = Path::new("folder").join(&name);
             let expected = ["folder", &name].map(|part| Component::Normal(part.as_ref()));
@@ -100,7 +100,7 @@ proptest! {
 
     /// A program's answer is an estimate, `null` or an error.
     #[test]
-    fn answers_are_parsed_exactly_or_rejected(
+    fn robust_answers_are_parsed_exactly_or_rejected(
         keys in prop::collection::btree_map(
             "contact_x_m|contact_y_m|cov_xx_m2|cov_xy_m2|cov_yy_m2|innovation_n_m|innovation_variance_n2_m2|truth",
             nearly_a_number(),
@@ -114,13 +114,13 @@ proptest! {
 
     /// Arbitrary bytes.
     #[test]
-    fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..200), target in 0..TARGETS.len()) {
+    fn robust_any_bytes_are_parsed_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200), target in 0..TARGETS.len()) {
         (TARGETS[target].run)(&bytes);
     }
 
     /// Arbitrary text becomes one line.
     #[test]
-    fn one_line_is_one(text in "(?s).{0,40}") {
+    fn verif_one_line_is_one(text in "(?s).{0,40}") {
         prop_assert!(!one_line(&text).contains(char::is_control));
         one_error(Err::<(), _>(files::Error::value(Path::new("file.json"), &text, &text, "something else")), "file.json");
     }

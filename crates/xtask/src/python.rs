@@ -208,19 +208,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packages_of_a_lock_file_are_its_pins() {
+    fn verif_packages_of_a_lock_file_are_its_pins() {
         let lock = "# comment\nmujoco==3.17.0 \\\n    --hash=sha256:00\ncolorama==0.4.6 ; sys_platform == 'win32' \\\n";
         assert_eq!(packages(lock), ["mujoco 3.17.0", "colorama 0.4.6"]);
     }
 
     #[test]
-    fn version_is_two_numbers() {
+    fn verif_version_is_two_numbers() {
         assert_eq!(version("3 11\n"), Some((3, 11)));
         assert_eq!(version("Python"), None);
     }
 
     #[test]
-    fn development_lock_holds_every_pin_of_the_other_locks() {
+    fn verif_development_lock_holds_every_pin_of_the_other_locks() {
         let development = packages(&Requirements::Development.read_lock().unwrap());
         let cluster = fs::read_to_string(root().join("sim/requirements-cluster.lock")).unwrap();
         for package in packages(&Requirements::Runtime.read_lock().unwrap()).into_iter().chain(packages(&cluster)) {

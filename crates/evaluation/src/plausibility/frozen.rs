@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector1, Vector3};
 use trace::SpatialTrace;
 use whisker::frames::Point;
 
-use super::spatial::{bending, largest_bending};
+use super::moment::{bending, largest_bending};
 use super::{Finding, Subject, median};
 
 /// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings are

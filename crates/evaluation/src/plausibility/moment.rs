@@ -2,6 +2,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use nalgebra::Vector2;
+use trace::{SpatialInstant, SpatialTrace};
 use whisker::Whisker;
 
 use super::{Finding, Subject};
@@ -26,6 +28,17 @@ const SIGNED: f64 = 0.2;
 const MOST_WRONG: f64 = 0.5;
 
 pub(super) const THOUSAND_TIMES_LOOK: &str = "the moment looks 1000 times too large (N mm instead of N m?)";
+
+/// Bending moments about y and z (N m), 2x1.
+pub(super) fn bending(instant: &SpatialInstant) -> Vector2<f64> {
+    Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m)
+}
+
+/// Largest bending moment of a trace without single outliers.
+pub(super) fn largest_bending(trace: &SpatialTrace) -> f64 {
+    let size = |instant: &SpatialInstant| instant.moment_y_n_m.hypot(instant.moment_z_n_m);
+    glitches::largest(&trace.recording.instants.iter().map(size).collect::<Vec<_>>())
+}
 
 /// Finds single readings far above all others.
 pub(super) fn glitches(subject: &Subject<'_>) -> Vec<Finding> {

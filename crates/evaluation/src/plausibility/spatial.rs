@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use trace::{Role, SpatialInstant, SpatialTrace, SpatialTruthInstant};
 
 use super::frozen;
-use super::moment::withstood;
+use super::moment::{bending, largest_bending, withstood};
 use super::motion::{LEAST_RATE_RAD_S, LEAST_SPEED_M_S, TOLERANCE, TOUCHING, Travel, travelled};
 use super::time::contradicted_rate_in_space;
 use super::{Finding, median};
@@ -170,17 +170,6 @@ fn strength(trace: &SpatialTrace) -> Option<Finding> {
     let suspension = trace.sidecar.suspension;
     let stiffness_n_m_rad = suspension.yaw_n_m_rad.max(suspension.pitch_n_m_rad);
     withstood("moment_y_n_m, moment_z_n_m", largest_bending(trace), &trace.sidecar.whisker, stiffness_n_m_rad)
-}
-
-/// Bending moments about y and z (N m), 2x1.
-pub(super) fn bending(instant: &SpatialInstant) -> Vector2<f64> {
-    Vector2::new(instant.moment_y_n_m, instant.moment_z_n_m)
-}
-
-/// Largest bending moment of a trace without single outliers.
-pub(super) fn largest_bending(trace: &SpatialTrace) -> f64 {
-    let size = |instant: &SpatialInstant| instant.moment_y_n_m.hypot(instant.moment_z_n_m);
-    glitches::largest(&trace.recording.instants.iter().map(size).collect::<Vec<_>>())
 }
 
 /// Compares the components of the moment along the axes of the springs, which the earlier angles of the series have

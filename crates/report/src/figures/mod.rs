@@ -44,11 +44,11 @@ pub(crate) const FIGURES: &[Figure<RunData>] = &[
     Figure {
         name: "start_and_steady",
         title: "Start-up and steady state",
-        caption: "RMS contact error of every trial under every noise seed (dots) and the median (bar), within the \
-                  first two seconds of contact and after them. The error of a trial is evaluated from the first \
-                  estimate of the method on. The baselines have no estimate until the whisker is deflected, so that \
-                  the dots of filters and baselines in start-up refer to different times. Factor: ratio of the error \
-                  of the better baseline to that of the method in steady state, at common times.",
+        caption: "RMS contact error of every trial under every noise seed (dots), within the first two seconds of contact and \
+                  after them, and the median over all trials (bar), of which those without a score count as the largest: a trial \
+                  has none if estimates are missing at more than a tenth of the instants at which one is expected. The dots of \
+                  filters and baselines in start-up may refer to different times. Factor: ratio of the error of the better \
+                  baseline to that of the method in steady state, at common times.",
         draw: start_and_steady::draw,
     },
     Figure {

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use testbed::metrics::error;
 use testbed::results::RunSet;
-use testbed::statistics::quantile;
+use testbed::statistics::median_of_scores;
 use whisker::estimators::MethodClass;
 
 use crate::axes::{Axis, Panel, Rect, equal};
@@ -44,8 +44,8 @@ struct Curve {
     look: Look,
     /// Median error over trials: seconds since the touch, mm.
     median_mm: Vec<(f64, f64)>,
-    /// Steady root mean square error of each trial, mm.
-    steady_mm: Vec<f64>,
+    /// Steady root mean square error of each trial, mm. `None` without a score.
+    steady_mm: Vec<Option<f64>>,
     published: Option<&'static Published>,
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             let (low, high) = published.steady_mm;
             published.below.iter().map(|(_, error)| *error).chain([low, high])
         });
-        start.chain(curve.steady_mm.iter().copied()).chain(published).collect::<Vec<_>>()
+        start.chain(curve.steady_mm.iter().copied().flatten()).chain(published).collect::<Vec<_>>()
     });
     let error = Axis::logarithmic("contact error (mm)", errors);
     let places = filters.len();
@@ -112,7 +112,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
 fn curve(data: &RunData, set: &RunSet, estimator: &str, look: Look) -> Curve {
     let trials = set.traces.len() * data.run.seeds.len();
     let bands = data.bands_of(set, estimator);
-    let steady = data.trials_of(set, estimator).into_iter().filter_map(|trial| trial.get(&error::RMSE));
+    let steady = data.trials_of(set, estimator).into_iter().map(|trial| trial.get(&error::RMSE));
     Curve {
         name: estimator.to_owned(),
         look,
@@ -122,7 +122,7 @@ fn curve(data: &RunData, set: &RunSet, estimator: &str, look: Look) -> Curve {
             .filter(|row| 2 * row.trials >= trials)
             .map(|row| (row.t_contact_s, 1e3 * row.median_m))
             .collect(),
-        steady_mm: steady.map(|rmse_m| 1e3 * rmse_m).collect(),
+        steady_mm: steady.map(|rmse_m| Some(1e3 * rmse_m?)).collect(),
         published: PUBLISHED.iter().find(|row| row.whisker == set.whisker && row.estimator == estimator),
     }
 }
@@ -135,8 +135,8 @@ impl Curve {
 
     fn paint_steady(&self, canvas: &Canvas, panel: &Panel, frame: Rect, place: f64) -> Result<()> {
         let (ours, theirs) = (place - 0.18, place + 0.18);
-        panel.discs(self.steady_mm.iter().map(|error| (ours, *error)), 3.0, self.look.color.mix(0.4))?;
-        if let Some(median) = quantile(&self.steady_mm, 0.5) {
+        panel.discs(self.steady_mm.iter().flatten().map(|error| (ours, *error)), 3.0, self.look.color.mix(0.4))?;
+        if let Some(median) = median_of_scores(self.steady_mm.iter().copied()) {
             panel.line([(ours - 0.13, median), (ours + 0.13, median)], INK, 2.5)?;
         }
         if let Some(Published { steady_mm: (low, high), .. }) = self.published {

@@ -1,7 +1,7 @@
 //! RMS error of every trial in start-up and steady state, and its ratio to that of the baseline in the latter.
 
 use anyhow::Result;
-use testbed::statistics::median;
+use testbed::statistics::median_of_scores;
 
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
@@ -18,7 +18,17 @@ struct Strip {
     label: String,
     look: Look,
     errors_mm: Vec<f64>,
+    /// Number of trials without a score.
+    missing: usize,
     factor: Option<f64>,
+}
+
+impl Strip {
+    /// Median over all trials, of which those without a score count as the largest.
+    fn median_mm(&self) -> Option<f64> {
+        let scores = self.errors_mm.iter().copied().map(Some);
+        median_of_scores(scores.chain(std::iter::repeat_n(None, self.missing)))
+    }
 }
 
 /// Lays the figure out.
@@ -33,15 +43,20 @@ fn picture(data: &RunData, methods: Vec<Method>) -> Result<Option<Picture>> {
         .map(|phase| {
             sets.iter()
                 .map(|set| {
-                    let strip = |method: &Method| Strip {
-                        label: method.label.clone(),
-                        look: method.look,
-                        errors_mm: phase_errors(data, set, &method.name, phase).map(|error| 1e3 * error).collect(),
-                        // In start-up the dots of filter and baseline cover different times, the factor common ones.
-                        factor: match phase {
-                            Phase::Start => None,
-                            Phase::Steady => factor_over_baseline(data, set, &method.name, phase),
-                        },
+                    let strip = |method: &Method| {
+                        let errors_mm: Vec<f64> =
+                            phase_errors(data, set, &method.name, phase).map(|error| 1e3 * error).collect();
+                        Strip {
+                            label: method.label.clone(),
+                            look: method.look,
+                            missing: data.trials_of(set, &method.name).len() - errors_mm.len(),
+                            errors_mm,
+                            // In start-up the dots of filter and baseline cover different times, the factor common ones.
+                            factor: match phase {
+                                Phase::Start => None,
+                                Phase::Steady => factor_over_baseline(data, set, &method.name, phase),
+                            },
+                        }
                     };
                     let title = format!("{} whisker, {}: {}", set.whisker, plain(&set.group), phase.words());
                     (title, methods.iter().map(strip).collect())
@@ -97,7 +112,7 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
             panel.discs([(*error, row + offset)], 3.2, strip.look.color.mix(0.55))?;
         }
         let (_, y) = panel.at((1.0, row));
-        if let Some(middle) = median(strip.errors_mm.iter().copied()) {
+        if let Some(middle) = strip.median_mm() {
             panel.line([(middle, row - 0.34), (middle, row + 0.34)], INK, 2.5)?;
         }
         if let Some(factor) = strip.factor {
@@ -111,6 +126,10 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
         if strip.errors_mm.is_empty() {
             let lettering = SMALL.aligned(Align::Center);
             canvas.text("no score", (0.5 * (split[0].left + split[0].right), y), lettering)?;
+        } else if strip.missing > 0 {
+            let trials = strip.errors_mm.len() + strip.missing;
+            let text = format!("{} of {trials} without a score", strip.missing);
+            canvas.text(&text, (split[0].right - 4.0, y + 11.0), SMALL.aligned(Align::Right))?;
         }
     }
     Ok(())

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use whisker::space::surface::OrientedPoint;
 
 use super::SpatialEstimateRow;
@@ -11,6 +11,7 @@ use super::rows::{Occupancy, VoxelRow};
 use super::run::SpatialRunWhisker;
 use super::solid::Solid;
 use super::surface::SurfaceMesh;
+pub use super::view::SurfacePoint;
 use super::view::{Cell, Index, SpatialObserver, SpatialView, VOXEL_M, index};
 
 /// Smallest distance between the points of two objects.
@@ -30,28 +31,6 @@ pub struct Sweep<'a> {
     pub whisker: &'a SpatialRunWhisker,
     /// Estimates in the order of time.
     pub rows: &'a [SpatialEstimateRow],
-}
-
-/// A point of the touched surface, in World.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
-    /// The point (m).
-    pub at: Vector3<f64>,
-    /// Unit normal out of the object.
-    pub normal: Vector3<f64>,
-    /// Covariance of the point (m2).
-    pub covariance_m2: Matrix3<f64>,
-    /// Number of estimates that were merged.
-    pub estimates: usize,
-    /// Index of the object, from 0 in the order of the points.
-    pub object: usize,
-}
-
-impl SurfacePoint {
-    /// Standard deviation (m): square root of the trace of the covariance.
-    pub fn sd_m(&self) -> f64 {
-        self.covariance_m2.trace().sqrt()
-    }
 }
 
 /// Map of the sweeps over one scene.

@@ -10,7 +10,6 @@ use whisker::space::frames::Point;
 use whisker::space::surface::OrientedPoint;
 
 use super::SpatialEstimateRow;
-use super::map::SurfacePoint;
 use super::run::SpatialRunWhisker;
 use super::wire::SpatialWire;
 
@@ -27,6 +26,28 @@ pub(super) const VOXEL_M: f64 = 2e-3;
 /// Displacement of the root, of the tip of the undeflected whisker, or of the contact, from which the space is scanned again, as a
 /// share of a voxel's edge.
 const SCAN: f64 = 0.25;
+
+/// A point of the touched surface, in World.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// The point (m).
+    pub at: Vector3<f64>,
+    /// Unit normal out of the object.
+    pub normal: Vector3<f64>,
+    /// Covariance of the point (m2).
+    pub covariance_m2: Matrix3<f64>,
+    /// Number of estimates that were merged.
+    pub estimates: usize,
+    /// Index of the object, from 0 in the order of the points.
+    pub object: usize,
+}
+
+impl SurfacePoint {
+    /// Standard deviation (m): square root of the trace of the covariance.
+    pub fn sd_m(&self) -> f64 {
+        self.covariance_m2.trace().sqrt()
+    }
+}
 
 /// Cell in which points are merged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

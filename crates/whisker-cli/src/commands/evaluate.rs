@@ -23,14 +23,15 @@ use testbed::front_end::FrontEnd;
 use testbed::map::MapConfig;
 use testbed::metrics::{bound, consistency, error};
 use testbed::noise::NoiseUnit;
-use testbed::results::{FailureRow, SummaryRow};
+use testbed::results::SummaryRow;
 use trace::Miscalibration;
 use whisker::events::{FORMER_NAMES, TouchConfig};
 
 use super::output::{check_apart, lies_in, reserve_folder};
 use super::progress::Progress;
+use super::remarks::conclusion;
 use super::space::{Evaluation, evaluate_in_space};
-use super::{FINISHED_WITH_FAILURES, front_end, in_file, is_literal, json, noise_fraction, print, table, trimmed};
+use super::{front_end, in_file, is_literal, json, noise_fraction, print, table, trimmed};
 
 /// Default number of noise seeds per trial.
 const DEFAULT_SEEDS: u64 = 5;
@@ -326,16 +327,6 @@ fn conclude(evaluated: &Evaluated, noise_unit: NoiseUnit) -> anyhow::Result<Exit
     }
     evaluated.remarks.lines().iter().for_each(|remark| eprintln!("note: {remark}"));
     Ok(code)
-}
-
-/// Prints failures to stderr. Returns the exit code.
-pub(super) fn conclusion(failures: &[FailureRow]) -> ExitCode {
-    for failure in failures {
-        let estimator = failure.estimator.as_ref().map_or_else(String::new, |name| format!("{name} on "));
-        let FailureRow { trace, noise, seed, reason, .. } = failure;
-        eprintln!("failed: {estimator}{trace} at noise {noise}, seed {seed}: {reason}");
-    }
-    if failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FINISHED_WITH_FAILURES) }
 }
 
 /// File of the settings. `None` if there are none, or they are given literally.

@@ -17,14 +17,12 @@ use whisker::sensor::{AlongAway, Face, PinFriction};
 
 use super::output::{check_is_folder, lies_in, reserve};
 use super::progress::Progress;
+use super::remarks::{NO_SENSOR, note_noise};
 use super::space::fit_in_space;
 use super::{front_end, json, noise_fraction, print, seed, table};
 
 /// Argument of `--model` that selects the model by cross-validation.
 const AUTO: &str = "auto";
-
-/// Start of the message that states why a calibration of recordings has no sensor.
-pub(super) const NO_SENSOR: &str = "the calibration has no sensor and cannot convert counts";
 
 /// Fit sensor models to the calibration traces of a suite or folder
 #[derive(clap::Args)]
@@ -162,15 +160,6 @@ fn in_space(arguments: &Arguments, dataset: &Dataset, models: Models) -> anyhow:
     let settings = SpatialFitSettings { models, noise, seed: arguments.seed, front_end: choice };
     let (out, _lock) = reserved(arguments, dataset, front_end.row.name)?;
     fit_in_space(dataset, &settings, arguments.noise, &out)
-}
-
-/// Prints a note if the noise of `--noise` was not added to the readings of a whisker.
-pub(super) fn note_noise(stated: Option<f64>, added: f64, whisker: &str) {
-    if let Some(stated) = stated.filter(|stated| *stated != added) {
-        eprintln!(
-            "note: whisker `{whisker}`: --noise {stated} was not added, since the readings of recordings contain noise"
-        );
-    }
 }
 
 /// The folder of the calibrations, and its lock.

@@ -17,6 +17,7 @@ mod played;
 mod progress;
 mod python;
 mod recordings;
+mod remarks;
 mod replay;
 mod report;
 mod reproduce;

@@ -4,8 +4,6 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use evaluation::plausibility::Finding;
-use evaluation::remarks::on_rate;
 use files::{AtomicFile, check_replaces_own};
 use testbed::front_end::Reader;
 use testbed::replay::Steps;
@@ -18,6 +16,7 @@ use whisker::sensor::Face;
 use super::output::{begins_with, files_of_trace, reserve};
 use super::played::{self, check_trace};
 use super::progress::Progress;
+use super::remarks::{few_estimates, note_rate};
 use super::space::replay_in_space;
 
 /// Replay one trace through one estimator and write its estimates as CSV
@@ -88,11 +87,6 @@ fn replay(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     note_rate(&played.sidecar.name, played.rate.as_ref());
     Ok(ExitCode::SUCCESS)
-}
-
-/// Prints a note if the sampling rate of a trace contradicts its times.
-pub(super) fn note_rate(trace: &str, rate: Option<&Finding>) {
-    rate.iter().for_each(|finding| eprintln!("note: {}", on_rate(trace, finding)));
 }
 
 /// Progress of a replay. `None` if the table itself is written to the terminal.
@@ -189,16 +183,6 @@ impl Tally {
     }
 }
 
-/// A remark if fewer than half of the rows in contact have an estimate.
-pub(super) fn few_estimates(touching: u64, estimates: u64, calibration: &str) -> Option<String> {
-    (2 * estimates < touching).then(|| {
-        format!(
-            "few estimates: {estimates} for {touching} rows in contact; the other contacts lie at the tip or outside the calibrated \
-             domain of {calibration}, or their readings contradict it"
-        )
-    })
-}
-
 /// A replay in constant memory: it holds the current row, and for a hindsight method the current contact.
 struct Streamed<'a> {
     rows: TraceRows,
@@ -245,21 +229,5 @@ impl Streamed<'_> {
         drop(self.progress);
         let tally = Tally { gated: self.estimator.gated(), estimates: given, calibrated, ..self.tally };
         Ok((table.finish()?, tally))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn verif_few_estimates_of_the_rows_in_contact_are_remarked() {
-        assert_eq!(few_estimates(100, 50, "whisker.json"), None);
-        assert_eq!(few_estimates(0, 0, "whisker.json"), None);
-        let remark = few_estimates(100, 49, "whisker.json").unwrap();
-        assert!(
-            remark.starts_with("few estimates: 49 for 100 rows in contact") && remark.contains("whisker.json"),
-            "{remark}"
-        );
     }
 }

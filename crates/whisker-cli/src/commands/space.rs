@@ -25,12 +25,10 @@ use whisker::ReadingGate;
 use whisker::events::TouchConfig;
 use whisker::space::estimators::{Knowledge, Sample, TouchDetector};
 
-use super::evaluate::conclusion;
-use super::fit::{NO_SENSOR, note_noise};
 use super::output::{begins_with, reserve};
 use super::played::{InSpace, beside};
 use super::progress::Progress;
-use super::replay::{few_estimates, note_rate};
+use super::remarks::{NO_SENSOR, conclusion, few_estimates, note_noise, note_rate};
 use super::{print, table};
 
 /// Largest held-out error of a sensor model, relative to the largest reading, that a correct calibration has.

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn arguments_choose_target_time_and_jobs() {
+    fn verif_arguments_choose_target_time_and_jobs() {
         let chosen_one = chosen(&["trace", "--seconds", "5", "--jobs", "3"]).unwrap();
         assert_eq!((chosen_one.target.as_deref(), chosen_one.seconds, chosen_one.jobs), (Some("trace"), 5, 3));
         for words in [&["trace", "sidecar"][..], &["--seconds"], &["--seconds", "0"], &["--jobs", "0"], &["--fast"]] {
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn every_parser_has_a_corpus() {
+    fn verif_every_parser_has_a_corpus() {
         assert!(targets().unwrap().iter().any(|target| target == "trace"));
     }
 }

@@ -369,14 +369,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sweep_is_replayed_forward_and_backward() {
+    fn verif_a_sweep_is_replayed_forward_and_backward() {
         let sweep = Sweep { rows: (0..3).map(|i| vec![f64::from(i); 4]).collect(), noise_sd_n_m: 0.0 };
         let rows: Vec<f64> = (0..9).map(|instant| sweep.row(instant)[0]).collect();
         assert_eq!(rows, [0.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0, 1.0, 0.0]);
     }
 
     #[test]
-    fn noise_has_unit_variance() {
+    fn verif_noise_has_unit_variance() {
         let mut noise = Noise(1);
         let values: Vec<f64> = (0..100_000).map(|_| noise.next()).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;

@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn every_command_is_found_and_in_the_help() {
+    fn verif_every_command_is_found_and_in_the_help() {
         for command in COMMANDS {
             assert_eq!(error(&[command.name]), None);
             assert!(help().contains(&format!("  {} ", command.name)));
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn usage_errors_name_what_was_found() {
+    fn robust_usage_errors_name_what_was_found() {
         assert_eq!(error(&[]).as_deref(), Some("expected a command"));
         assert_eq!(error(&["deom"]).as_deref(), Some("unknown command `deom`"));
         assert_eq!(error(&["golden", "fast"]).as_deref(), Some("`golden` takes no arguments, found `fast`"));

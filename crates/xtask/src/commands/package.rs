@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_the_extremes_over_the_traces() {
+    fn verif_rows_are_the_extremes_over_the_traces() {
         let table = [
             "a,paper-ekf,100,300,200,210,150,1e5",
             "b,paper-ekf,100,250,200,190,150,1e5",

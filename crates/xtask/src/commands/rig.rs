@@ -449,7 +449,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_push_has_the_error_of_the_press_before_it() {
+    fn verif_a_push_has_the_error_of_the_press_before_it() {
         let events = "t_s,event,onset_s,distance_m,low_m,high_m,slope_counts_per_s\n\
             1.5,pressed,1.2,0.1441,0.1440,0.1460,9.0\n1.6,released,,,,,\n2.0,pushed,1.0,0.145,,,\n\
             4.0,pushed,3.0,0.1,,,\n5.5,pressed,5.2,,,,1.0\n6.0,pushed,5.0,0.05,,,\n";
@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_missed_by_a_figure_beyond_it_and_by_no_figure() {
+    fn verif_a_bar_is_missed_by_a_figure_beyond_it_and_by_no_figure() {
         assert!(!Bar::new("RMSE", rms(&[]), At::Most(2.0), "mm").is_met());
         assert!(!Bar::new("worst", worst(&[]), At::Most(2.0), "mm").is_met());
         assert_eq!(
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn arguments_choose_runs_and_soak() {
+    fn verif_arguments_choose_runs_and_soak() {
         let chosen = |words: &[&str]| asked(&words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
         assert_eq!(chosen(&[]).unwrap(), Asked { runs: 1, soak_s: None });
         assert_eq!(chosen(&["--soak", "600", "--runs", "20"]).unwrap(), Asked { runs: 20, soak_s: Some(600) });

@@ -6,9 +6,9 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
+use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
 use super::rolling::{Axes, Object, Place, Roll, Shape};
-use super::spine::{Spine, describe_axial};
+use super::spine::{ANGLE, Spine, describe_axial};
 use super::{Motion, RadiusPrior, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};

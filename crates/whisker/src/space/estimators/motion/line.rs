@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::rolling::{Axes, FIRST_TILT_RAD, Object, Place, Roll, Shape};
-use super::spine::{Spine, describe_axial};
+use super::spine::{ANGLE, RADIUS, Spine, describe_axial};
 use super::{Motion, RadiusPrior, check_wander, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};
@@ -20,10 +20,6 @@ pub(super) const LEVER_M: f64 = 0.05;
 
 /// Standard deviation of a direction that is uniform on a half circle.
 pub(super) const DIRECTION_SD_RAD: f64 = 0.907;
-
-/// Indices in the state of the rod's direction and of the logarithm of the radius, as in the states of cones and tori.
-pub(super) const ANGLE: usize = 4;
-pub(super) const RADIUS: usize = 5;
 
 /// A straight rod of radius `r` at rest; the state is `(s, u, v, beta, psi, ln rho)`, with `rho` the sum of `r` and the radius of
 /// the wire.

@@ -4,9 +4,9 @@ use filters::Gaussian;
 use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::line::{ANGLE, DIRECTION_SD_RAD, LEVER_M, Line, RADIUS, nearest_angle};
+use super::line::{DIRECTION_SD_RAD, LEVER_M, Line, nearest_angle};
 use super::rolling::{Axes, Object, Place, Roll, Shape};
-use super::spine::Spine;
+use super::spine::{ANGLE, RADIUS, Spine};
 use super::{Motion, RadiusPrior, describe_normal, extended};
 use crate::frames::Base;
 use crate::settings::{SettingsError, within};

@@ -3,7 +3,6 @@
 use filters::Gaussian;
 use nalgebra::{SVector, Vector3};
 
-use super::line::{ANGLE, RADIUS};
 use super::rolling::{Axes, Place, TILT, carried};
 use super::{describe_direction, describe_normal, describe_radius};
 use crate::frames::Base;
@@ -11,6 +10,10 @@ use crate::space::estimators::Estimate;
 use crate::space::estimators::side::Side;
 use crate::space::frames::Pose;
 use crate::space::sensor::Around;
+
+/// Indices in the state of the direction and of the logarithm of the radius, as in the states of cones and tori.
+pub(super) const ANGLE: usize = 4;
+pub(super) const RADIUS: usize = 5;
 
 /// States normal, radius and direction of an object with an axis.
 pub(super) fn describe_axial<const N: usize>(side: &Side, belief: &Gaussian<N>, estimate: &mut Estimate) {
