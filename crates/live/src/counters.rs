@@ -54,7 +54,8 @@ impl Counters {
     /// Names and values.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
         let Self { readings, poses, matched, touching, unanswered, estimates, missing, overtaken, late, .. } = *self;
-        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, slow, .. } = *self;
+        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, slow, .. } =
+            *self;
         [
             ("readings", readings),
             ("poses", poses),
@@ -80,8 +81,18 @@ impl Counters {
 
     /// Remarks on numbers that suggest wrong readings, poses or settings.
     pub fn remarks(&self) -> Vec<String> {
-        let Self { readings, matched, touching, unanswered, gated, missing, slow, .. } = *self;
+        let Self {
+            readings, matched, touching, unanswered, gated, missing, slow, late, repeated, stale, ..
+        } = *self;
         let mut remarks = Vec::new();
+        // Late and repeated poses are counted too.
+        let unused = readings.saturating_sub(matched);
+        if 2 * unused.min(late + repeated + stale) > readings {
+            remarks.push(format!(
+                "{matched} of {readings} readings were given to the estimator; {stale} had no pose in time, and {late} readings and poses \
+                 were late and {repeated} repeated; compare the clocks of readings and poses"
+            ));
+        }
         if 2 * gated > matched {
             remarks.push(format!(
                 "{gated} of {matched} readings are gated, beyond the largest plausible one; compare the unit of the readings"
@@ -152,6 +163,12 @@ mod tests {
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
             (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
             (Counters { slow: 300, ..good }, "300 of 500 readings are 0.5 s or more apart"),
+            (Counters { matched: 200, late: 280, ..good }, "200 of 500 readings were given to the estimator"),
+            (
+                Counters { matched: 0, touching: 0, unanswered: 0, stale: 500, gated: 0, ..good },
+                "500 had no pose in time",
+            ),
+            (Counters { matched: 100, touching: 0, unanswered: 0, repeated: 900, ..good }, "and 900 repeated"),
         ] {
             let remarks = counters.remarks();
             assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");

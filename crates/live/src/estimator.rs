@@ -15,6 +15,7 @@ use crate::kind::{Kind, Planar, Spatial, Way};
 use crate::matching::{Admitted, Arrived, Matching};
 use crate::motion::{Motion, Place};
 use crate::poses::{Poses, SpatialPoses};
+use crate::samples::Lack;
 use crate::timing::Timing;
 
 /// Shortest interval in which the speed of the base is tested (s).
@@ -40,7 +41,8 @@ pub enum Status {
     Stale,
     /// Its pose lies outside the plane of the estimator.
     OffPlane,
-    /// It arrived after a later reading had been used, or it lies farther behind the newest pose than the smallest jump of a clock.
+    /// It arrived after a later reading had been used; or it is not in order, or its clock or that of the poses has jumped, and it lies
+    /// farther behind the newest pose than the smallest jump of a clock.
     Late,
     /// Its time had arrived before.
     Repeated,
@@ -324,12 +326,8 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
                 let event = Event::OffPlane { t_s, deviation };
                 return self.block(arrived, Status::OffPlane, event, out);
             }
-            Place::Pending | Place::Unknown => {
-                self.counters.stale += 1;
-                self.counters.stale_intervals += u64::from(self.blocked != Some(Status::Stale));
-                let event = Event::Stale { t_s, newest_pose_s: self.matching.newest_pose_s() };
-                return self.block(arrived, Status::Stale, event, out);
-            }
+            Place::Pending => return self.stale(arrived, None, out),
+            Place::Unknown(lack) => return self.stale(arrived, Some(lack), out),
         };
         if self.blocked.take().is_some() {
             out.events.push(Event::Recovered { t_s });
@@ -366,6 +364,14 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         if self.fast == FAST_INTERVALS {
             out.events.push(Event::Fast { t_s, speed_m_s, rate_rad_s });
         }
+    }
+
+    /// Answers a reading without a pose in time.
+    fn stale(&mut self, arrived: &Arrived<K::Reading>, lack: Option<Lack>, out: &mut OutputOf<K>) {
+        self.counters.stale += 1;
+        self.counters.stale_intervals += u64::from(self.blocked != Some(Status::Stale));
+        let event = Event::Stale { t_s: arrived.t_s, newest_pose_s: self.matching.newest_pose_s(), lack };
+        self.block(arrived, Status::Stale, event, out);
     }
 
     /// Answers a reading without a pose; the event is that of the first one.

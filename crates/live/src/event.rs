@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::clock::Jump;
 use crate::motion::Deviation;
+use crate::samples::Lack;
 
 /// Largest plausible speed of a base (m/s).
 pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
@@ -32,12 +33,14 @@ impl fmt::Display for Stream {
 /// Event of a stream. It is displayed as what was found and what was expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The poses of the base did not arrive in time; there are no estimates until [`Self::Recovered`].
+    /// There is no pose of the base at the time of a reading; there are no estimates until [`Self::Recovered`].
     Stale {
         /// Time of the first reading without a pose.
         t_s: f64,
         /// Time of the newest pose.
         newest_pose_s: Option<f64>,
+        /// Why the poses do not determine it. `None`: none of its time or later arrived in time.
+        lack: Option<Lack>,
     },
     /// The poses of the base lie outside the plane of the estimator; there are no estimates until [`Self::Recovered`].
     OffPlane {
@@ -79,13 +82,27 @@ pub enum Event {
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Stale { t_s, newest_pose_s } => {
-                write!(f, "stale poses: found none at or after the reading of {t_s} s in time")?;
+            Self::Stale { t_s, newest_pose_s, lack: None } => {
+                write!(
+                    f,
+                    "stale poses: found none at or after the reading of {t_s} s within --wait (wait_s of a mapping)"
+                )?;
                 if let Some(newest_s) = newest_pose_s {
                     write!(f, ", the newest of {newest_s} s")?;
                 }
                 f.write_str("; there are no estimates until poses arrive again")
             }
+            Self::Stale { t_s, lack: Some(Lack::Gap { before_s, after_s }), .. } => write!(
+                f,
+                "stale poses: found those before and after the reading of {t_s} s {:.3} s apart, more than --gap (gap_s of a mapping); \
+                 there are no estimates until poses arrive at shorter intervals",
+                after_s - before_s
+            ),
+            Self::Stale { t_s, lack: Some(Lack::BeforeAll { first_s }), .. } => write!(
+                f,
+                "stale poses: found none before the reading of {t_s} s, the first of {first_s} s; there are no estimates until readings \
+                 have later times. If they never do, compare the clocks of readings and poses"
+            ),
             Self::OffPlane { t_s, deviation: Deviation { tilt_rad, height_m } } => write!(
                 f,
                 "pose off the plane: found a tilt of {tilt_rad:.4} rad and a distance of {height_m:.4} m at {t_s} s, beyond \
