@@ -210,7 +210,7 @@ impl<S: Geometry> Estimation<S> {
             self.answered_s = Some(answer.arrived_s);
             match answer.status {
                 Status::Used | Status::Gated => self.blocked = None,
-                Status::Stale | Status::OffPlane => self.blocked = Some(answer.status),
+                Status::Frozen | Status::Stale | Status::OffPlane => self.blocked = Some(answer.status),
                 Status::Late | Status::Repeated | Status::NotFinite | Status::Dropped => {}
             }
             if answer.base.is_none() {
@@ -303,6 +303,7 @@ impl<S: Geometry> Whisker for Estimation<S> {
         let (level, message) = match self.blocked {
             _ if window.jumps > 0 => (Level::ERROR, "a clock jumped; the estimator restarted"),
             Some(Status::OffPlane) => (Level::ERROR, "the pose is off the plane: no estimates"),
+            Some(Status::Frozen) => (Level::WARN, "frozen readings, although the touched whisker moves: no estimates"),
             Some(_) => (Level::STALE, "no poses: no estimates"),
             None if is_silent => (Level::STALE, "no readings"),
             None if window.doubtful > 0 => (Level::WARN, "the readings contradict the models"),

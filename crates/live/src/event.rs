@@ -54,6 +54,22 @@ pub enum Event {
         /// Time of the first reading with a pose.
         t_s: f64,
     },
+    /// The readings stay the same although the touched whisker moves; there are no estimates until [`Self::Thawed`].
+    Frozen {
+        /// Time of the reading with which they are found to.
+        t_s: f64,
+        /// Time of the first equal reading.
+        first_s: f64,
+        /// Number of equal readings.
+        count: u32,
+        /// Way of the middle of the whisker since the first one (m).
+        way_m: f64,
+    },
+    /// The readings change again.
+    Thawed {
+        /// Time of the first other reading.
+        t_s: f64,
+    },
     /// The base moves implausibly fast, for the third time since the start of the estimator: single poses may be wrong.
     Fast {
         /// Time of the reading.
@@ -113,6 +129,14 @@ impl fmt::Display for Event {
                 "poses: found a base that moves at {speed_m_s:.3} m/s and turns at {rate_rad_s:.3} rad/s at {t_s} s, expected at most \
                  {MOST_SPEED_M_S} m/s and {MOST_RATE_RAD_S} rad/s; compare the units, metres, radians and seconds"
             ),
+            Self::Frozen { t_s, first_s, count, way_m } => write!(
+                f,
+                "frozen readings: found {count} equal ones from {first_s} s to {t_s} s, while the touched whisker moves by {:.3} mm, \
+                 expected readings that change; the sensor or its driver has stopped, or it is saturated; there are no estimates until \
+                 they change again",
+                1e3 * way_m
+            ),
+            Self::Thawed { t_s } => write!(f, "readings change again, from {t_s} s on"),
             Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
             Self::Jumped { stream, jump } => {
                 write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")

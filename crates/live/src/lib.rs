@@ -86,6 +86,7 @@ pub mod counts;
 mod disturbance;
 mod estimator;
 mod event;
+mod frozen;
 mod kind;
 mod matching;
 mod motion;

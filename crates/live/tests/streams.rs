@@ -305,6 +305,41 @@ fn robust_notes_on_missing_poses_name_the_setting() {
     assert!(none.contains("within --wait (wait_s of a mapping), the newest of 0.496 s"), "{none}");
 }
 
+/// Rows of a sensor that holds its reading for half a second while the whisker touches.
+const HELD: std::ops::Range<usize> = 200..325;
+
+#[test]
+fn robust_a_frozen_sensor_costs_its_readings_alone() {
+    let (mut quiet_m2, mut frozen_m2) = (0.0, 0.0);
+    for seed in 1..=8 {
+        let mut sweep = Sweep::lasting(seed, 2.4);
+        let errors_of = |sweep: &Sweep| {
+            let (answers, events, live) = played(sweep.live(ekf(), Timing::default()), &sweep.messages(&QUIET, 1));
+            let errors_m = errors_m(&answers, 1.4);
+            assert!(errors_m.len() > 240, "{}", errors_m.len());
+            (answers, events, live, errors_m.iter().map(|error_m| error_m * error_m).sum::<f64>())
+        };
+        let (_, events, live, squares_m2) = errors_of(&sweep);
+        assert!(events.is_empty() && live.counters().frozen == 0, "{events:?}");
+        quiet_m2 += squares_m2;
+        let held_n_m = sweep.readings_n_m[HELD.start];
+        sweep.readings_n_m[HELD].fill(held_n_m);
+        let (answers, events, live, squares_m2) = errors_of(&sweep);
+        frozen_m2 += squares_m2;
+        let [Event::Frozen { count: found, .. }, Event::Thawed { t_s }] = events[..] else { panic!("{events:?}") };
+        assert!((5..15).contains(&found), "{found}");
+        assert_eq!(t_s, sweep.recording.instants[HELD.end].t_s);
+        let left_out = count(&answers, Status::Frozen);
+        assert_eq!((left_out, live.counters().frozen), (HELD.len() + 1 - found as usize, left_out as u64));
+        assert!(live.counters().remarks().iter().any(|remark| remark.contains("stay the same")));
+        // Until they are found, the base moves little.
+        let worst_m = errors_m(&answers, 0.7).into_iter().fold(0.0, f64::max);
+        assert!(worst_m < 2e-3, "{worst_m} m");
+    }
+    let growth = (frozen_m2 / quiet_m2).sqrt();
+    assert!(growth < 1.3, "{growth}");
+}
+
 /// First row of the changed part of a recording: the whisker touches before and after it.
 const CHANGE: usize = 200;
 

@@ -251,6 +251,8 @@ fn kind_of(event: &Event) -> (&'static str, bool) {
         Event::OffPlane { .. } => ("poses off the plane", true),
         Event::Fast { .. } => ("implausibly fast poses", false),
         Event::Jumped { .. } => ("jumps of a clock", true),
+        Event::Frozen { .. } => ("frozen readings", false),
+        Event::Thawed { .. } => ("readings that change again", false),
         Event::NotFinite { .. } => ("values that are not finite", true),
     }
 }

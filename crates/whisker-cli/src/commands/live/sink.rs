@@ -61,6 +61,8 @@ impl Sink {
                 Event::Recovered { .. } => ("poses again", MOST_NOTES),
                 Event::Fast { .. } => ("implausibly fast poses", MOST_NOTES),
                 Event::Jumped { .. } => ("jumps of a clock", MOST_NOTES),
+                Event::Frozen { .. } => ("frozen readings", MOST_NOTES),
+                Event::Thawed { .. } => ("readings that change again", MOST_NOTES),
                 Event::NotFinite { .. } => ("values that are not finite", 1),
             };
             let is_error = matches!(event, Event::Jumped { .. } | Event::NotFinite { .. });
