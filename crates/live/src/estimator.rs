@@ -444,7 +444,8 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         let dropped = self.matching.restart();
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
         out.events.push(Event::Jumped { stream, jump });
-        self.estimator = (self.build)()?;
+        let earlier = std::mem::replace(&mut self.estimator, (self.build)()?);
+        self.estimator.keep_rest_reading(&earlier);
         self.start = None;
         self.blocked = None;
         self.freezing.restart();

@@ -39,6 +39,9 @@ pub trait Kind: Send {
     /// Appends the estimates that are still held, at the end of the stream.
     fn end(&mut self, estimates: &mut Vec<Option<Self::Estimate>>);
 
+    /// Takes the rest reading of the estimator before a restart.
+    fn keep_rest_reading(&mut self, earlier: &Self);
+
     /// Whether estimates of the present contact are held, because they may be revised.
     fn is_following(&self) -> bool;
 
@@ -112,6 +115,10 @@ impl Kind for Planar {
         self.estimator.end(estimates);
     }
 
+    fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.estimator.keep_rest_reading(&earlier.estimator);
+    }
+
     fn is_following(&self) -> bool {
         self.looks_back && self.estimator.is_following()
     }
@@ -173,6 +180,10 @@ impl Kind for Spatial {
 
     fn end(&mut self, estimates: &mut Vec<Option<space::estimators::Estimate>>) {
         self.estimator.end(estimates);
+    }
+
+    fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.estimator.keep_rest_reading(&earlier.estimator);
     }
 
     fn is_following(&self) -> bool {

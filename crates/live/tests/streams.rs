@@ -380,6 +380,35 @@ fn robust_a_jump_of_the_clock_restarts_the_estimator() {
     }
 }
 
+#[test]
+fn robust_a_jump_in_a_light_contact_keeps_the_rest_reading() {
+    // The whisker is free, touches lightly while the clock jumps, and presses then.
+    let base = |t_s: f64| {
+        let ramp = |from_s: f64, to_s: f64| ((t_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0);
+        Pose::new(0.0, -1e-3 + 1.5e-3 * ramp(0.2, 0.4) + 4e-3 * ramp(1.2, 1.5), 0.03 * ramp(1.5, 1.8))
+    };
+    let knowledge = world::knowledge(NOISE_N_M);
+    let row = |row: u32| {
+        let base = base(f64::from(row) / world::RATE_HZ);
+        let predicted = knowledge.faces[0].predict(base.inverse().apply(world::contact()));
+        (f64::from(row) / world::RATE_HZ, base, predicted.map_or(0.0, |predicted| predicted.reading_n_m))
+    };
+    let sweep = Sweep::of(1, &knowledge, (0..500).map(row));
+    let largest_n_m = sweep.knowledge.faces[0].largest_reading_n_m;
+    let share = sweep.recording.instants[CHANGE].moment_z_n_m.abs() / largest_n_m;
+    assert!((0.01..0.029).contains(&share), "{share}: as large as an offset may be");
+    let error_m = |messages: &[Message]| {
+        let (answers, events, _) = played(sweep.live(ekf(), Timing::default()), messages);
+        let answered = answers.len() == sweep.readings_n_m.len();
+        assert!(answered && events.len() < 2);
+        let errors_m = errors_m(&answers[answers.len() - 30..], 0.0);
+        assert_eq!(errors_m.len(), 30);
+        errors_m.into_iter().fold(0.0, f64::max)
+    };
+    let (quiet_m, jumped_m) = (error_m(&sweep.messages(&QUIET, 1)), error_m(&shifted(&sweep, 100.0, |_| true)));
+    assert!(jumped_m < quiet_m + 1e-3, "{jumped_m} m, {quiet_m} m without a jump");
+}
+
 /// Asserts that a jump of the clock of one stream is found and that no contact is estimated after it.
 fn jump_of(stream: Stream, by_s: f64, is_meant: impl Fn(&Content) -> bool) {
     let sweep = Sweep::new(1);
