@@ -187,7 +187,7 @@ impl Arm {
             match samples.at(t_s, gap_s, between) {
                 Sampled::At(position) => measured.push(position),
                 Sampled::Pending => is_pending = true,
-                Sampled::Unknown => return Sampled::Unknown,
+                Sampled::Unknown(lack) => return Sampled::Unknown(lack),
             }
         }
         if is_pending { Sampled::Pending } else { Sampled::At(self.pose(&measured)) }

@@ -205,7 +205,7 @@ impl<P: Projection> Motion for Chain<P> {
         match self.source.at(t_s, gap_s) {
             Sampled::At(pose) => self.projection.place(&pose),
             Sampled::Pending => Place::Pending,
-            Sampled::Unknown => Place::Unknown,
+            Sampled::Unknown(lack) => Place::Unknown(lack),
         }
     }
 
@@ -220,7 +220,7 @@ impl<P: Projection> Motion for Chain<P> {
         if is_used {
             self.projection.used(|| match self.source.at(t_s, f64::INFINITY) {
                 Sampled::At(pose) => Some(pose),
-                Sampled::Pending | Sampled::Unknown => None,
+                Sampled::Pending | Sampled::Unknown(_) => None,
             });
         }
         match &mut self.source {

@@ -106,7 +106,7 @@ impl Frames {
         }
         match (base, self.above(from_fixed, t_s, gap_s)) {
             (Sampled::At(base), Sampled::At(fixed)) => Sampled::At(fixed.inv_mul(&base)),
-            (Sampled::Unknown, _) | (_, Sampled::Unknown) => Sampled::Unknown,
+            (Sampled::Unknown(lack), _) | (_, Sampled::Unknown(lack)) => Sampled::Unknown(lack),
             _ => Sampled::Pending,
         }
     }
@@ -153,7 +153,7 @@ impl Frames {
             match in_parent {
                 Sampled::At(in_parent) => pose = Some(pose.map_or(in_parent, |pose| in_parent * pose)),
                 Sampled::Pending => is_pending = true,
-                Sampled::Unknown => return Sampled::Unknown,
+                Sampled::Unknown(lack) => return Sampled::Unknown(lack),
             }
         }
         if is_pending { Sampled::Pending } else { Sampled::At(pose.unwrap_or_default()) }

@@ -28,9 +28,10 @@ pub struct Routed {
 }
 
 /// Content of a topic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Use {
-    Moment,
+    /// Moment in this frame, that of the base.
+    Moment(Arc<str>),
     Counts(Stream),
 }
 
@@ -53,6 +54,10 @@ pub struct Router {
     joint_states: Option<String>,
     epoch: Epoch,
     refused: u64,
+    foreign: u64,
+    /// Topics whose moments in another frame have been noted.
+    noted: Vec<String>,
+    notes: Vec<String>,
 }
 
 impl Router {
@@ -60,7 +65,9 @@ impl Router {
         let mut uses = Vec::new();
         let topic = |name: &String, type_name| Topic { name: name.clone(), type_name };
         for (index, whisker) in mapping.whiskers.iter().enumerate() {
-            uses.extend(whisker.moment.iter().map(|name| (topic(name, WrenchStamped::TYPE), index, Use::Moment)));
+            let base = frame(&whisker.base_frame);
+            let moment = whisker.moment.iter().map(|name| topic(name, WrenchStamped::TYPE));
+            uses.extend(moment.map(|topic| (topic, index, Use::Moment(base.clone()))));
             if let Some(counts) = &whisker.counts {
                 let type_name = counts.message.type_name();
                 uses.push((topic(&counts.topic, type_name), index, Use::Counts(Stream::Own)));
@@ -69,7 +76,7 @@ impl Router {
             }
         }
         let joint_states = mapping.urdf.is_some().then(|| mapping.joint_states.clone());
-        Self { uses, joint_states, epoch, refused: 0 }
+        Self { uses, joint_states, epoch, refused: 0, foreign: 0, noted: Vec::new(), notes: Vec::new() }
     }
 
     /// Adds the topics of the neighbours of a whisker's sensor.
@@ -104,6 +111,16 @@ impl Router {
         self.refused
     }
 
+    /// Number of moments so far that were left out: they are given in another frame than that of the base.
+    pub fn foreign(&self) -> u64 {
+        self.foreign
+    }
+
+    /// Notes on messages that were left out, one for each topic, since the last call.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
     /// Converts a message of a topic. Messages of other topics and types are ignored.
     pub fn route(&mut self, topic: &str, message: &AnyMessage, routed: &mut Vec<Routed>) {
         match message {
@@ -121,7 +138,19 @@ impl Router {
                 let t_s = self.epoch.seconds(&header.stamp);
                 let torque = &wrench.torque;
                 let moment_n_m = Vector3::new(torque.x, torque.y, torque.z);
-                self.readings(topic, t_s, routed, |of| (of == Use::Moment).then_some(Content::Moment(moment_n_m)));
+                let stated = frame(&header.frame_id);
+                let mut other = None;
+                self.readings(topic, t_s, routed, |of| match of {
+                    Use::Moment(base) if stated.is_empty() || stated == *base => Some(Content::Moment(moment_n_m)),
+                    Use::Moment(base) => {
+                        other = Some(base.clone());
+                        None
+                    }
+                    Use::Counts(_) => None,
+                });
+                if let Some(base) = other {
+                    self.leave_out(topic, &stated, &base);
+                }
             }
             AnyMessage::MagneticField(field) => self.field(topic, field, routed),
             AnyMessage::MagneticFieldArray(fields) => {
@@ -136,15 +165,34 @@ impl Router {
         let of = &field.magnetic_field;
         let counts = [of.x, of.y, of.z];
         self.readings(topic, t_s, routed, |of| match of {
-            Use::Counts(stream) => Some(Content::Counts(stream, counts)),
-            Use::Moment => None,
+            Use::Counts(stream) => Some(Content::Counts(*stream, counts)),
+            Use::Moment(_) => None,
         });
     }
 
-    fn readings(&self, topic: &str, t_s: f64, routed: &mut Vec<Routed>, content: impl Fn(Use) -> Option<Content>) {
+    /// Leaves out a moment in another frame than that of the base, with a note on the first one of its topic.
+    fn leave_out(&mut self, topic: &str, stated: &str, base: &str) {
+        self.foreign += 1;
+        if !self.noted.iter().any(|noted| noted == topic) {
+            self.noted.push(topic.into());
+            self.notes.push(format!(
+                "{topic}: found a moment in the frame `{}`, expected one in the frame of the base, `{base}`, or none stated; it is left \
+                 out, and so is every further one",
+                stated.escape_debug()
+            ));
+        }
+    }
+
+    fn readings(
+        &self,
+        topic: &str,
+        t_s: f64,
+        routed: &mut Vec<Routed>,
+        mut content: impl FnMut(&Use) -> Option<Content>,
+    ) {
         for (name, whisker, of) in &self.uses {
             if name.name == topic
-                && let Some(content) = content(*of)
+                && let Some(content) = content(of)
             {
                 routed.push(Routed { whisker: Some(*whisker), t_s, input: Input(content) });
             }

@@ -169,6 +169,19 @@ impl<'a, R> Common<'a, R> {
         Error::value(self.path, format!("whiskers[{index}].noise_sd_n_m"), "none", expected)
     }
 
+    /// Checks that the stated noise of a whisker is at most its largest calibrated reading.
+    fn check_noise(&self, index: usize, largest_n_m: f64) -> Result<(), Error> {
+        let stated = self.mapping.whiskers[index].noise_sd_n_m;
+        match stated.filter(|sd_n_m| *sd_n_m > largest_n_m) {
+            None => Ok(()),
+            Some(sd_n_m) => {
+                let expected = format!("0 to {largest_n_m:.3e} N m, the largest reading of the calibration");
+                let key = format!("whiskers[{index}].noise_sd_n_m");
+                Err(Error::value(self.path, key, sd_n_m, expected))
+            }
+        }
+    }
+
     /// Error for `moment` with a calibration of a sensor's counts.
     fn no_moments(&self, index: usize, expected: &str) -> Error {
         let found = "moment, with a calibration of a sensor's counts";
@@ -192,6 +205,7 @@ impl Common<'_, SpatialEstimatorRow> {
         let sensor = calibration.sensor;
         let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
         let noise_sd_n_m = noise_n_m(entry.noise_sd_n_m, of_sensor).ok_or_else(|| self.no_noise(index))?;
+        self.check_noise(index, calibration.largest_reading_n_m)?;
         let timing = self.mapping.timing;
         let counts = entry.counts.as_ref().map(|counts| {
             let sensor = sensor.ok_or_else(|| {
@@ -229,6 +243,7 @@ impl Common<'_, EstimatorRow> {
         if entry.moment.is_some() && calibration.front_end.is_some() {
             return Err(self.no_moments(index, "counts, or a calibration of moments").into());
         }
+        self.check_noise(index, calibration.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max))?;
         let knowledge = Arc::new(Knowledge {
             whisker: calibration.whisker.clone(),
             rest: calibration.whisker.rest_shape(),

@@ -2,7 +2,7 @@
 
 use bag::messages::{DiagnosticStatus, Header, KeyValue, Level, PoseWithCovariance, PoseWithCovarianceStamped, Time};
 use live::counts::{Conversion, Converted, Reading, Stream};
-use live::{AnswerOf, Event, Kind, LiveEstimator, OutputOf, Status};
+use live::{AnswerOf, Counters, Event, Kind, LiveEstimator, OutputOf, Status};
 use nalgebra::Vector3;
 use whisker::estimators::{Installation, Uncertain};
 
@@ -13,6 +13,9 @@ use crate::map::Observed;
 
 /// Longest time without an answer after which a whisker counts as silent (s).
 const SILENT_S: f64 = 1.0;
+
+/// Smallest number of readings in contact without an estimate that are a warning: an estimator may wait at the beginning of a touch.
+const FEW: u64 = 10;
 
 /// Measurement for a whisker from a message.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,8 +98,9 @@ pub trait Whisker: Send {
     fn counters(&self) -> &live::Counters;
 
     /// The whisker, its contact with the ellipse or ellipsoid, and in the plane the outline of the object with its band, at the last
-    /// answer, with its time (ns). `None` while the poses are missing, and before the first one.
-    fn shapes(&self) -> Option<(u64, Vec<Shape>)>;
+    /// answer, with its time (ns). `None` while poses or readings are missing at `now_s` on the clock of arrivals, and before the first
+    /// ones.
+    fn shapes(&self, now_s: f64) -> Option<(u64, Vec<Shape>)>;
 
     /// State since the last call, at `now_s` on the clock of arrivals.
     fn diagnose(&mut self, now_s: f64, latency: Latency) -> DiagnosticStatus;
@@ -148,11 +152,27 @@ pub(crate) struct Diagnosis {
 #[derive(Clone, Copy, Debug, Default)]
 struct Window {
     answers: u64,
+    /// Readings that were given to the estimator, and their estimates.
+    used: u64,
     estimates: u64,
     doubtful: u64,
     gated: u64,
+    /// Readings that were not used because they are late, repeated or not finite.
+    late: u64,
+    repeated: u64,
+    not_finite: u64,
     jumps: u64,
     nis: (f64, u64),
+}
+
+impl Window {
+    /// Reasons for which all readings were left out. `None` if there are none, or one was not.
+    fn left_out(&self) -> Option<String> {
+        let counts = [(self.late, "late"), (self.repeated, "repeated"), (self.not_finite, "not finite")];
+        let is_all = self.answers > 0 && counts.iter().map(|(count, _)| count).sum::<u64>() == self.answers;
+        let reasons: Vec<&str> = counts.iter().filter(|(count, _)| *count > 0).map(|(_, reason)| *reason).collect();
+        is_all.then(|| reasons.join(" or "))
+    }
 }
 
 /// Settings of a whisker.
@@ -173,16 +193,20 @@ pub(crate) struct Estimation<S: Geometry> {
     last: Option<AnswerOf<S::Kind>>,
     /// The last stated deviation of the sensor.
     deviation: Option<Installation>,
-    /// Arrival of the last answered reading.
+    /// Arrivals of the last answered reading, and of the last one with a pose.
     answered_s: Option<f64>,
+    posed_s: Option<f64>,
     blocked: Option<Status>,
     window: Window,
+    /// Counts at the beginning of the window.
+    before: Counters,
 }
 
 impl<S: Geometry> Estimation<S> {
     pub(crate) fn new(fixed: Fixed, geometry: S, estimator: EstimatorOf<S>, counts: Option<S::Counts>) -> Self {
         let (out, last, window) = (OutputOf::<S::Kind>::default(), None, Window::default());
-        Self { fixed, geometry, estimator, counts, out, last, deviation: None, answered_s: None, blocked: None, window }
+        let (deviation, answered_s, posed_s, blocked, before) = (None, None, None, None, Counters::default());
+        Self { fixed, geometry, estimator, counts, out, last, deviation, answered_s, posed_s, blocked, window, before }
     }
 
     /// Passes complete counts on as readings.
@@ -206,16 +230,23 @@ impl<S: Geometry> Estimation<S> {
         }
         for answer in std::mem::take(&mut self.out.answers) {
             self.window.answers += 1;
-            self.window.gated += u64::from(answer.status == Status::Gated);
             self.answered_s = Some(answer.arrived_s);
             match answer.status {
-                Status::Used | Status::Gated => self.blocked = None,
-                Status::Stale | Status::OffPlane => self.blocked = Some(answer.status),
-                Status::Late | Status::Repeated | Status::NotFinite | Status::Dropped => {}
+                Status::Used | Status::Gated => {
+                    self.blocked = None;
+                    self.window.used += 1;
+                    self.window.gated += u64::from(answer.status == Status::Gated);
+                }
+                Status::Frozen | Status::Stale | Status::OffPlane => self.blocked = Some(answer.status),
+                Status::Late => self.window.late += 1,
+                Status::Repeated => self.window.repeated += 1,
+                Status::NotFinite => self.window.not_finite += 1,
+                Status::Dropped => {}
             }
             if answer.base.is_none() {
                 continue;
             }
+            self.posed_s = Some(answer.arrived_s);
             self.geometry.observe(&answer);
             if let Some(estimate) = &answer.estimate {
                 let Diagnosis { is_doubtful, nis, deviation } = S::diagnosis(estimate);
@@ -230,6 +261,35 @@ impl<S: Geometry> Estimation<S> {
             taken.contacts.extend(self.contact(&answer));
             self.last = Some(answer);
         }
+    }
+
+    fn is_silent(last_s: Option<f64>, now_s: f64) -> bool {
+        last_s.is_none_or(|last_s| now_s - last_s > SILENT_S)
+    }
+
+    /// Level and message of the diagnostics of a window.
+    fn state(&self, window: &Window, now_s: f64) -> (Level, String) {
+        let counters = self.estimator.counters();
+        let [touching, unanswered] =
+            [counters.touching - self.before.touching, counters.unanswered - self.before.unanswered];
+        let is_unanswered = unanswered >= FEW && unanswered == touching && touching == window.used;
+        if window.jumps > 0 {
+            return (Level::ERROR, "a clock jumped; the estimator restarted".into());
+        }
+        if let Some(reasons) = window.left_out() {
+            return (Level::STALE, format!("all readings are {reasons}: no estimates"));
+        }
+        let (level, message) = match self.blocked {
+            Some(Status::OffPlane) => (Level::ERROR, "the pose is off the plane: no estimates"),
+            Some(Status::Stale) => (Level::STALE, "no poses: no estimates"),
+            _ if Self::is_silent(self.answered_s, now_s) => (Level::STALE, "no readings"),
+            Some(_) => (Level::WARN, "frozen readings, although the touched whisker moves: no estimates"),
+            None if is_unanswered => (Level::WARN, "in contact without an estimate"),
+            None if window.doubtful > 0 => (Level::WARN, "the readings contradict the models"),
+            None if window.gated > 0 => (Level::WARN, "readings beyond the largest plausible one were left out"),
+            None => (Level::OK, "running"),
+        };
+        (level, message.into())
     }
 
     fn contact(&self, answer: &AnswerOf<S::Kind>) -> Option<Contact> {
@@ -291,25 +351,18 @@ impl<S: Geometry> Whisker for Estimation<S> {
         self.estimator.counters()
     }
 
-    fn shapes(&self) -> Option<(u64, Vec<Shape>)> {
-        let answer = self.last.as_ref().filter(|_| self.blocked.is_none())?;
+    fn shapes(&self, now_s: f64) -> Option<(u64, Vec<Shape>)> {
+        let is_known = self.blocked.is_none() && !Self::is_silent(self.posed_s, now_s);
+        let answer = self.last.as_ref().filter(|_| is_known)?;
         let shapes = self.geometry.shapes(&self.fixed.name, answer, &self.estimator);
         Some((self.fixed.epoch.nanoseconds(answer.t_s), shapes))
     }
 
     fn diagnose(&mut self, now_s: f64, latency: Latency) -> DiagnosticStatus {
         let window = std::mem::take(&mut self.window);
-        let is_silent = self.answered_s.is_none_or(|answered_s| now_s - answered_s > SILENT_S);
-        let (level, message) = match self.blocked {
-            _ if window.jumps > 0 => (Level::ERROR, "a clock jumped; the estimator restarted"),
-            Some(Status::OffPlane) => (Level::ERROR, "the pose is off the plane: no estimates"),
-            Some(_) => (Level::STALE, "no poses: no estimates"),
-            None if is_silent => (Level::STALE, "no readings"),
-            None if window.doubtful > 0 => (Level::WARN, "the readings contradict the models"),
-            None if window.gated > 0 => (Level::WARN, "readings beyond the largest plausible one were left out"),
-            None => (Level::OK, "running"),
-        };
+        let (level, message) = self.state(&window, now_s);
         let counters = self.estimator.counters();
+        self.before = *counters;
         let mut values: Vec<(&str, String)> = vec![
             ("nis_mean", (window.nis.1 > 0).then(|| window.nis.0 / window.nis.1 as f64).map_or("".into(), shown)),
             ("model_doubtful", (window.doubtful > 0).to_string()),
@@ -336,7 +389,7 @@ impl<S: Geometry> Whisker for Estimation<S> {
         DiagnosticStatus {
             level,
             name: format!("whisker {}", self.fixed.name),
-            message: message.into(),
+            message,
             hardware_id: self.fixed.name.clone(),
             values,
         }

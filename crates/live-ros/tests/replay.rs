@@ -148,9 +148,17 @@ fn verif_a_chain_of_frames_gives_the_same_contacts() {
     ];
     messages.push((0.0, "/tf_static".to_owned(), AnyMessage::TfMessage(TfMessage { transforms: fixed })));
     for (t_s, topic, message) in bench.exported() {
-        let AnyMessage::TfMessage(frames) = &message else {
-            messages.push((t_s, topic, message));
-            continue;
+        let frames = match message {
+            AnyMessage::TfMessage(frames) => frames,
+            AnyMessage::WrenchStamped(mut moment) => {
+                moment.header.frame_id = "/base".into();
+                messages.push((t_s, topic, AnyMessage::WrenchStamped(moment)));
+                continue;
+            }
+            message => {
+                messages.push((t_s, topic, message));
+                continue;
+            }
         };
         let base = &frames.transforms[0];
         let (x, y, turned) = (base.transform.translation.x, base.transform.translation.y, &base.transform.rotation);
@@ -248,6 +256,7 @@ fn robust_transforms_that_stop_or_jump_stop_the_contacts() {
     assert!(newest_s < 0.5 * last_s && taken.events[0].to_string().starts_with("stale poses"), "{:?}", taken.events);
     let state = setup.whiskers[0].diagnose(last_s, Latency::default());
     assert_eq!((state.level.0, state.message.as_str()), (3, "no poses: no estimates"));
+    assert!(taken.events[0].to_string().contains("--wait (wait_s of a mapping)"), "{}", taken.events[0]);
 
     // The clock of the transforms is set 5 s ahead and, later, back.
     let mut jumps = messages.clone();
@@ -476,7 +485,7 @@ fn val_urdf_kinematics_match_independent_numbers() {
     }
     let taken = play(&mut setup, &messages);
     assert!(taken.events.is_empty(), "{:?}", taken.events);
-    let (_, shapes) = setup.whiskers[0].shapes().expect("a pose");
+    let (_, shapes) = setup.whiskers[0].shapes(0.4).expect("a pose");
     let Form::Line(points, _) = &shapes[0].form else { panic!("a line") };
     let root = [points[0].x, points[0].y, points[0].z];
     for (found, expected) in root.iter().zip(at) {
@@ -518,11 +527,119 @@ fn val_transforms_are_interpolated_one_by_one() {
         }
     }
     play(&mut setup, &messages);
-    let (_, shapes) = setup.whiskers[0].shapes().expect("a pose");
+    let (_, shapes) = setup.whiskers[0].shapes(0.1).expect("a pose");
     let Form::Line(points, _) = &shapes[0].form else { panic!("a line") };
     // A quarter of the way: 22.5 degrees.
     let expected = (0.1 + 0.5 * 22.5_f64.to_radians().cos(), 0.5 * 22.5_f64.to_radians().sin());
     assert!((points[0].x - expected.0).hypot(points[0].y - expected.1) < 1e-12, "{:?} {expected:?}", points[0]);
+}
+
+/// Messages whose moments are changed.
+fn with_moments(
+    messages: &[(f64, String, AnyMessage)],
+    mut change: impl FnMut(&mut WrenchStamped),
+) -> Vec<(f64, String, AnyMessage)> {
+    let mut messages = messages.to_vec();
+    for (_, _, message) in &mut messages {
+        if let AnyMessage::WrenchStamped(moment) = message {
+            change(moment);
+        }
+    }
+    messages
+}
+
+#[test]
+fn robust_moments_in_another_frame_are_left_out_and_noted_once() {
+    let bench = Bench::new("golden_pin");
+    let messages = bench.exported();
+    let played_in = |frame: &str| {
+        let mut setup = read(&bench.mapping("ekf", |_| {}));
+        let taken = play(&mut setup, &with_moments(&messages, |moment| moment.header.frame_id = frame.into()));
+        (taken.contacts.len(), setup.router.foreign(), setup.router.take_notes())
+    };
+    let of_base = bench.replayed("ekf").len();
+    for frame in ["", "whisker_base_link", "/whisker_base_link"] {
+        assert_eq!(played_in(frame), (of_base, 0, Vec::new()), "{frame}");
+    }
+    let (contacts, foreign, notes) = played_in("sensor\n");
+    assert_eq!((contacts, foreign, notes.len()), (0, bench.trace.sidecar.rows as u64, 1));
+    assert!(
+        notes[0].starts_with("/moment: found a moment in the frame `sensor\\n`")
+            && notes[0].contains("expected one in the frame of the base, `whisker_base_link`"),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn robust_a_whisker_whose_readings_are_not_used_is_no_running_one() {
+    let bench = Bench::new("golden_pin");
+    let messages = bench.exported();
+    let last_s = messages.last().expect("messages").0;
+    let is_moment = |(_, topic, _): &&(f64, String, AnyMessage)| topic == "/moment";
+    let mut setup = read(&bench.mapping("ekf", |_| {}));
+    play(&mut setup, &messages);
+    let state = |setup: &mut Setup, now_s: f64| {
+        let state = setup.whiskers[0].diagnose(now_s, Latency::default());
+        (state.level.0, state.message)
+    };
+    assert_eq!(state(&mut setup, last_s), (0, "running".into()));
+    assert!(setup.whiskers[0].shapes(last_s + 0.5).is_some());
+    // The last moments again, for longer than a second.
+    let repeated: Vec<_> = messages.iter().rev().filter(is_moment).take(200).cloned().collect();
+    let again: Vec<_> = (0..400)
+        .map(|step| {
+            let (_, topic, message) = &repeated[step % 4];
+            (last_s + 0.004 * step as f64, topic.clone(), message.clone())
+        })
+        .collect();
+    play(&mut setup, &again);
+    assert_eq!(state(&mut setup, last_s + 1.6), (3, "all readings are repeated: no estimates".into()));
+    assert!(setup.whiskers[0].shapes(last_s + 1.6).is_none(), "the drawing of a whisker without readings");
+    let bad = with_moments(&again, |moment| moment.wrench.torque.z = f64::NAN);
+    play(&mut setup, &bad);
+    assert_eq!(state(&mut setup, last_s + 1.6), (3, "all readings are not finite: no estimates".into()));
+    assert_eq!(state(&mut setup, last_s + 9.0), (3, "no readings".into()));
+}
+
+#[test]
+fn robust_a_contact_without_an_estimate_is_a_warning() {
+    let bench = Bench::new("golden_pin");
+    // The wrong sign: the face that seems to touch is not calibrated.
+    let messages = with_moments(&bench.exported(), |moment| moment.wrench.torque.z *= -1.0);
+    let mut setup = read(&bench.mapping("ekf", |_| {}));
+    let (first, second) = messages.split_at(messages.len() - 150);
+    play(&mut setup, first);
+    setup.whiskers[0].diagnose(first.last().expect("messages").0, Latency::default());
+    play(&mut setup, second);
+    let state = setup.whiskers[0].diagnose(second.last().expect("messages").0, Latency::default());
+    assert_eq!((state.level.0, state.message.as_str()), (1, "in contact without an estimate"));
+}
+
+#[test]
+fn robust_frozen_readings_are_a_warning() {
+    let bench = Bench::new("golden_pin");
+    let replayed = bench.replayed("ekf");
+    let held_s = replayed[replayed.len() / 2].0;
+    let (mut held, mut noise) = (None, 0_u64);
+    let messages = with_moments(&bench.exported(), |moment| {
+        let torque = &mut moment.wrench.torque;
+        noise = (noise * 37 + 11) % 101;
+        torque.z += NOISE_SD_N_M * (noise as f64 / 50.0 - 1.0);
+        if 1e-9 * moment.header.stamp.nanoseconds() as f64 >= held_s {
+            torque.z = *held.get_or_insert(torque.z);
+        }
+    });
+    let mut setup = read(&bench.mapping("ekf", |_| {}));
+    let taken = play(&mut setup, &messages);
+    assert!(taken.events[0].to_string().starts_with("frozen readings: found "), "{:?}", taken.events);
+    let last_s = messages.last().expect("messages").0;
+    let state = setup.whiskers[0].diagnose(last_s, Latency::default());
+    assert_eq!(
+        (state.level.0, state.message.as_str()),
+        (1, "frozen readings, although the touched whisker moves: no estimates")
+    );
+    assert!(state.values.iter().any(|of| of.key == "frozen" && of.value.parse::<u64>().is_ok_and(|count| count > 50)));
+    assert!(setup.whiskers[0].shapes(last_s).is_none());
 }
 
 #[test]
@@ -531,7 +648,7 @@ fn verif_shapes_and_map_show_the_contact() {
     let mut setup = read(&bench.mapping("outline", |_| {}));
     let taken = play(&mut setup, &bench.exported());
     let whisker = &setup.whiskers[0];
-    let (time_ns, shapes) = whisker.shapes().expect("shapes");
+    let (time_ns, shapes) = whisker.shapes(taken.contacts.last().expect("a contact").arrived_s).expect("shapes");
     let names: Vec<&str> = shapes.iter().map(|shape| shape.name.as_str()).collect();
     for part in ["whisker", "outline", "band"] {
         assert!(names.contains(&format!("golden_circle/{part}").as_str()), "{part}: {names:?}");
@@ -568,7 +685,7 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
     let nested = format!("<robot name=\"a\">{}{}</robot>", "<a>".repeat(200_000), "</a>".repeat(200_000));
     fs::write(&deep, nested).expect("written");
     type Change<'a> = &'a dyn Fn(&mut Value);
-    let cases: [(Change<'_>, &str); 15] = [
+    let cases: [(Change<'_>, &str); 16] = [
         (&|of| of["kind"] = json!("suite"), "kind: found suite, expected contact_mapping"),
         (&|of| of["format"] = json!(2), "format: found 2, expected 1"),
         (&|of| of["estimators"] = json!("ekf"), "unknown field `estimators`"),
@@ -581,6 +698,7 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
             "whiskers[0].moment: found `moment`, expected an absolute name",
         ),
         (&|of| of["whiskers"][0]["noise_sd_n_m"] = Value::Null, "whiskers[0].noise_sd_n_m: found none"),
+        (&|of| of["whiskers"][0]["noise_sd_n_m"] = json!(0.5), "whiskers[0].noise_sd_n_m: found 0.5, expected 0 to "),
         (&|of| of["whiskers"][0]["rate_hz"] = json!(0), "whiskers[0].rate_hz: found 0, expected 0.001 to 1000000"),
         (&|of| of["plane"] = json!({"tilt_rad": -1}), "plane.tilt_rad: found -1, expected 0 to 0.5"),
         (&|of| of["timing"] = json!({"wait_s": 60}), "timing: found wait: found 60 s"),

@@ -216,7 +216,7 @@ fn verif_shapes_and_map_in_space_show_the_contact() {
     let taken = play(&mut setup, &messages);
     let last = taken.contacts.last().expect("a contact");
     let at = &last.message.pose.pose.position;
-    let (time_ns, shapes) = setup.whiskers[0].shapes().expect("shapes");
+    let (time_ns, shapes) = setup.whiskers[0].shapes(last.arrived_s).expect("shapes");
     assert_eq!(time_ns, last.time_ns);
     let names: Vec<&str> = shapes.iter().map(|shape| shape.name.as_str()).collect();
     assert_eq!(names, ["w/whisker", "w/contact", "w/normal"]);

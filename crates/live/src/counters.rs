@@ -42,6 +42,8 @@ pub struct Counters {
     pub fast: u64,
     /// Readings beyond the largest plausible one.
     pub gated: u64,
+    /// Readings that stay the same although the touched whisker moves.
+    pub frozen: u64,
     /// Readings and poses with a value that is not finite.
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
@@ -54,7 +56,8 @@ impl Counters {
     /// Names and values.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> + use<> {
         let Self { readings, poses, matched, touching, unanswered, estimates, missing, overtaken, late, .. } = *self;
-        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, not_finite, jumps, slow, .. } = *self;
+        let Self { repeated, stale, stale_intervals, off_plane, fast, gated, frozen, not_finite, jumps, slow, .. } =
+            *self;
         [
             ("readings", readings),
             ("poses", poses),
@@ -71,6 +74,7 @@ impl Counters {
             ("off_plane", off_plane),
             ("fast", fast),
             ("gated", gated),
+            ("frozen", frozen),
             ("not_finite", not_finite),
             ("jumps", jumps),
             ("slow", slow),
@@ -80,8 +84,18 @@ impl Counters {
 
     /// Remarks on numbers that suggest wrong readings, poses or settings.
     pub fn remarks(&self) -> Vec<String> {
-        let Self { readings, matched, touching, unanswered, gated, missing, slow, .. } = *self;
+        let Self {
+            readings, matched, touching, unanswered, gated, missing, slow, late, repeated, stale, frozen, ..
+        } = *self;
         let mut remarks = Vec::new();
+        // Late and repeated poses are counted too.
+        let unused = readings.saturating_sub(matched);
+        if 2 * unused.min(late + repeated + stale) > readings {
+            remarks.push(format!(
+                "{matched} of {readings} readings were given to the estimator; {stale} had no pose in time, and {late} readings and poses \
+                 were late and {repeated} repeated; compare the clocks of readings and poses"
+            ));
+        }
         if 2 * gated > matched {
             remarks.push(format!(
                 "{gated} of {matched} readings are gated, beyond the largest plausible one; compare the unit of the readings"
@@ -90,6 +104,12 @@ impl Counters {
             remarks.push(format!(
                 "{unanswered} of {touching} readings in contact have no estimate: they contradict the calibration, or their contacts \
                  lie outside it; compare units, signs and frames of readings and poses, and the calibrated faces"
+            ));
+        }
+        if frozen > 0 {
+            remarks.push(format!(
+                "{frozen} of {readings} readings stay the same although the touched whisker moves, and were left out; check the bus and \
+                 the driver of the sensor, and whether it saturates"
             ));
         }
         if 2 * missing > readings {
@@ -123,6 +143,7 @@ impl fmt::Display for Counters {
             (self.off_plane, "with a pose off the plane"),
             (self.fast, "intervals with an implausibly fast base"),
             (self.gated, "gated"),
+            (self.frozen, "frozen"),
             (self.not_finite, "not finite"),
             (self.jumps, "jumps of a clock"),
         ];
@@ -152,6 +173,13 @@ mod tests {
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
             (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
             (Counters { slow: 300, ..good }, "300 of 500 readings are 0.5 s or more apart"),
+            (Counters { frozen: 20, ..good }, "20 of 500 readings stay the same"),
+            (Counters { matched: 200, late: 280, ..good }, "200 of 500 readings were given to the estimator"),
+            (
+                Counters { matched: 0, touching: 0, unanswered: 0, stale: 500, gated: 0, ..good },
+                "500 had no pose in time",
+            ),
+            (Counters { matched: 100, touching: 0, unanswered: 0, repeated: 900, ..good }, "and 900 repeated"),
         ] {
             let remarks = counters.remarks();
             assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");

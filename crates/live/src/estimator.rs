@@ -11,10 +11,12 @@ use whisker::space;
 use crate::clock::Jump;
 use crate::counters::Counters;
 use crate::event::{Event, MOST_RATE_RAD_S, MOST_SPEED_M_S, Stream};
+use crate::frozen::{Freezing, FrozenRun};
 use crate::kind::{Kind, Planar, Spatial, Way};
 use crate::matching::{Admitted, Arrived, Matching};
 use crate::motion::{Motion, Place};
 use crate::poses::{Poses, SpatialPoses};
+use crate::samples::Lack;
 use crate::timing::Timing;
 
 /// Shortest interval in which the speed of the base is tested (s).
@@ -36,11 +38,14 @@ pub enum Status {
     Used,
     /// It was given to the estimator, which left it out: it exceeds the largest plausible reading.
     Gated,
-    /// Its pose did not arrive in time.
+    /// It equals the readings before, although the touched whisker moves: the sensor or its driver has stopped. It was left out.
+    Frozen,
+    /// It has no pose: none arrived in time, or there is too long a gap between the poses.
     Stale,
     /// Its pose lies outside the plane of the estimator.
     OffPlane,
-    /// It arrived after a later reading had been used, or it lies farther behind the newest pose than the smallest jump of a clock.
+    /// It arrived after a later reading had been used; or it is not in order, or its clock or that of the poses has jumped, and it lies
+    /// farther behind the newest pose than the smallest jump of a clock.
     Late,
     /// Its time had arrived before.
     Repeated,
@@ -56,6 +61,7 @@ impl Status {
         match self {
             Self::Used => "used",
             Self::Gated => "gated",
+            Self::Frozen => "frozen",
             Self::Stale => "stale",
             Self::OffPlane => "off plane",
             Self::Late => "late",
@@ -130,6 +136,10 @@ pub struct LiveEstimator<M = Poses, K: Kind = Planar> {
     counters: Counters,
     /// Status of the last reading, if it had no pose.
     blocked: Option<Status>,
+    freezing: Freezing,
+    /// Middle of the undeflected whisker on the x axis of Base (m).
+    middle_m: f64,
+    is_frozen: bool,
     /// Time and pose at which the interval began whose speed is tested next.
     interval: Option<(f64, K::Base)>,
     /// Number of intervals since the start in which the base moved implausibly fast.
@@ -161,7 +171,10 @@ impl<M: Motion<Base = Pose<Base, World>>> LiveEstimator<M> {
     ) -> anyhow::Result<Self> {
         let gate = knowledge.gate();
         let build = move || Ok(Planar::new(build()?, gate, looks_back));
-        Self::of(Box::new(build), knowledge.rate_hz, timing, motion)
+        let largest_n_m = knowledge.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
+        let freezing = Freezing::new(largest_n_m, knowledge.noise_sd_n_m);
+        let middle_m = 0.5 * knowledge.rest.length_m();
+        Self::of(Box::new(build), knowledge.rate_hz, timing, motion, (freezing, middle_m))
     }
 
     /// Outline of the object that is touched, or was touched last; see [`Estimator::outline`].
@@ -197,7 +210,10 @@ impl<M: Motion<Base = SpatialPose>> LiveEstimator<M, Spatial> {
     ) -> anyhow::Result<Self> {
         let (rate_hz, of_build) = (knowledge.rate_hz, knowledge.clone());
         let build = move || Ok(Spatial::new(build()?, &of_build));
-        Self::of(Box::new(build), rate_hz, timing, motion)
+        let calibrated = &knowledge.calibrated;
+        let freezing = Freezing::new(calibrated.largest_reading_n_m, knowledge.noise_sd_n_m);
+        let middle_m = 0.5 * calibrated.whisker.whisker.length_m;
+        Self::of(Box::new(build), rate_hz, timing, motion, (freezing, middle_m))
     }
 }
 
@@ -207,6 +223,7 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         rate_hz: f64,
         timing: Timing,
         motion: M,
+        (freezing, middle_m): (Freezing, f64),
     ) -> anyhow::Result<Self> {
         timing.validate()?;
         Ok(Self {
@@ -218,6 +235,9 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
             estimates: Vec::new(),
             counters: Counters::default(),
             blocked: None,
+            freezing,
+            middle_m,
+            is_frozen: false,
             interval: None,
             fast: 0,
         })
@@ -324,20 +344,21 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
                 let event = Event::OffPlane { t_s, deviation };
                 return self.block(arrived, Status::OffPlane, event, out);
             }
-            Place::Pending | Place::Unknown => {
-                self.counters.stale += 1;
-                self.counters.stale_intervals += u64::from(self.blocked != Some(Status::Stale));
-                let event = Event::Stale { t_s, newest_pose_s: self.matching.newest_pose_s() };
-                return self.block(arrived, Status::Stale, event, out);
-            }
+            Place::Pending => return self.stale(arrived, None, out),
+            Place::Unknown(lack) => return self.stale(arrived, Some(lack), out),
         };
         if self.blocked.take().is_some() {
             out.events.push(Event::Recovered { t_s });
         }
-        self.start.get_or_insert(base);
-        self.counters.matched += 1;
         self.check_speed(t_s, &base, out);
         let is_gated = !self.estimator.admits(&reading_n_m);
+        if !is_gated && self.is_frozen(t_s, &reading_n_m, &base, out) {
+            self.counters.frozen += 1;
+            self.held.push((answer(arrived, Status::Frozen), false));
+            return self.release_unless_held(out);
+        }
+        self.start.get_or_insert(base);
+        self.counters.matched += 1;
         self.counters.gated += u64::from(is_gated);
         self.estimator.push(t_s, &base, reading_n_m, &mut self.estimates);
         let touches = self.estimator.touches();
@@ -345,6 +366,19 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         let status = if is_gated { Status::Gated } else { Status::Used };
         self.held.push((Answer { base: Some(base), ..answer(arrived, status) }, touches));
         self.release_unless_held(out);
+    }
+
+    /// Whether the reading is frozen, with an event at the first one and at the first one after them.
+    fn is_frozen(&mut self, t_s: f64, reading_n_m: &K::Reading, base: &K::Base, out: &mut OutputOf<K>) -> bool {
+        let run = self.freezing.step(t_s, K::moments_n_m(reading_n_m), K::point_m(base, self.middle_m));
+        if self.is_frozen != run.is_some() {
+            out.events.push(match run {
+                Some(FrozenRun { first_s, count, way_m }) => Event::Frozen { t_s, first_s, count, way_m },
+                None => Event::Thawed { t_s },
+            });
+        }
+        self.is_frozen = run.is_some();
+        self.is_frozen
     }
 
     /// Compares the motion of the base with that of a robot: poses in another unit are faster. Over shorter intervals, errors of poses
@@ -366,6 +400,14 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         if self.fast == FAST_INTERVALS {
             out.events.push(Event::Fast { t_s, speed_m_s, rate_rad_s });
         }
+    }
+
+    /// Answers a reading without a pose in time.
+    fn stale(&mut self, arrived: &Arrived<K::Reading>, lack: Option<Lack>, out: &mut OutputOf<K>) {
+        self.counters.stale += 1;
+        self.counters.stale_intervals += u64::from(self.blocked != Some(Status::Stale));
+        let event = Event::Stale { t_s: arrived.t_s, newest_pose_s: self.matching.newest_pose_s(), lack };
+        self.block(arrived, Status::Stale, event, out);
     }
 
     /// Answers a reading without a pose; the event is that of the first one.
@@ -402,9 +444,12 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         let dropped = self.matching.restart();
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
         out.events.push(Event::Jumped { stream, jump });
-        self.estimator = (self.build)()?;
+        let earlier = std::mem::replace(&mut self.estimator, (self.build)()?);
+        self.estimator.keep_rest_reading(&earlier);
         self.start = None;
         self.blocked = None;
+        self.freezing.restart();
+        self.is_frozen = false;
         (self.interval, self.fast) = (None, 0);
         Ok(())
     }

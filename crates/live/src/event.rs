@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::clock::Jump;
 use crate::motion::Deviation;
+use crate::samples::Lack;
 
 /// Largest plausible speed of a base (m/s).
 pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
@@ -32,12 +33,14 @@ impl fmt::Display for Stream {
 /// Event of a stream. It is displayed as what was found and what was expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The poses of the base did not arrive in time; there are no estimates until [`Self::Recovered`].
+    /// There is no pose of the base at the time of a reading; there are no estimates until [`Self::Recovered`].
     Stale {
         /// Time of the first reading without a pose.
         t_s: f64,
         /// Time of the newest pose.
         newest_pose_s: Option<f64>,
+        /// Why the poses do not determine it. `None`: none of its time or later arrived in time.
+        lack: Option<Lack>,
     },
     /// The poses of the base lie outside the plane of the estimator; there are no estimates until [`Self::Recovered`].
     OffPlane {
@@ -49,6 +52,22 @@ pub enum Event {
     /// Poses arrive in time again, in the plane.
     Recovered {
         /// Time of the first reading with a pose.
+        t_s: f64,
+    },
+    /// The readings stay the same although the touched whisker moves; there are no estimates until [`Self::Thawed`].
+    Frozen {
+        /// Time of the reading with which they are found to.
+        t_s: f64,
+        /// Time of the first equal reading.
+        first_s: f64,
+        /// Number of equal readings.
+        count: u32,
+        /// Way of the middle of the whisker since the first one (m).
+        way_m: f64,
+    },
+    /// The readings change again.
+    Thawed {
+        /// Time of the first other reading.
         t_s: f64,
     },
     /// The base moves implausibly fast, for the third time since the start of the estimator: single poses may be wrong.
@@ -79,13 +98,27 @@ pub enum Event {
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Stale { t_s, newest_pose_s } => {
-                write!(f, "stale poses: found none at or after the reading of {t_s} s in time")?;
+            Self::Stale { t_s, newest_pose_s, lack: None } => {
+                write!(
+                    f,
+                    "stale poses: found none at or after the reading of {t_s} s within --wait (wait_s of a mapping)"
+                )?;
                 if let Some(newest_s) = newest_pose_s {
                     write!(f, ", the newest of {newest_s} s")?;
                 }
                 f.write_str("; there are no estimates until poses arrive again")
             }
+            Self::Stale { t_s, lack: Some(Lack::Gap { before_s, after_s }), .. } => write!(
+                f,
+                "stale poses: found those before and after the reading of {t_s} s {:.3} s apart, more than --gap (gap_s of a mapping); \
+                 there are no estimates until poses arrive at shorter intervals",
+                after_s - before_s
+            ),
+            Self::Stale { t_s, lack: Some(Lack::BeforeAll { first_s }), .. } => write!(
+                f,
+                "stale poses: found none before the reading of {t_s} s, the first of {first_s} s; there are no estimates until readings \
+                 have later times. If they never do, compare the clocks of readings and poses"
+            ),
             Self::OffPlane { t_s, deviation: Deviation { tilt_rad, height_m } } => write!(
                 f,
                 "pose off the plane: found a tilt of {tilt_rad:.4} rad and a distance of {height_m:.4} m at {t_s} s, beyond \
@@ -96,6 +129,14 @@ impl fmt::Display for Event {
                 "poses: found a base that moves at {speed_m_s:.3} m/s and turns at {rate_rad_s:.3} rad/s at {t_s} s, expected at most \
                  {MOST_SPEED_M_S} m/s and {MOST_RATE_RAD_S} rad/s; compare the units, metres, radians and seconds"
             ),
+            Self::Frozen { t_s, first_s, count, way_m } => write!(
+                f,
+                "frozen readings: found {count} equal ones from {first_s} s to {t_s} s, while the touched whisker moves by {:.3} mm, \
+                 expected readings that change; the sensor or its driver has stopped, or it is saturated; there are no estimates until \
+                 they change again",
+                1e3 * way_m
+            ),
+            Self::Thawed { t_s } => write!(f, "readings change again, from {t_s} s on"),
             Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
             Self::Jumped { stream, jump } => {
                 write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")

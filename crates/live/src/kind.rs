@@ -3,13 +3,13 @@
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use testbed::replay::Steps;
 use testbed::space::replay::SpatialSteps;
 use trace::{Instant, SpatialPose, wrapped_rad};
 use whisker::ReadingGate;
 use whisker::estimators::{self, OutlinePoint};
-use whisker::frames::{Base, Pose, World};
+use whisker::frames::{Base, Point, Pose, World};
 use whisker::space;
 
 /// An estimator of one whisker with its readings and poses.
@@ -39,11 +39,20 @@ pub trait Kind: Send {
     /// Appends the estimates that are still held, at the end of the stream.
     fn end(&mut self, estimates: &mut Vec<Option<Self::Estimate>>);
 
+    /// Takes the rest reading of the estimator before a restart.
+    fn keep_rest_reading(&mut self, earlier: &Self);
+
     /// Whether estimates of the present contact are held, because they may be revised.
     fn is_following(&self) -> bool;
 
     /// Whether the whisker touched at the last instant.
     fn touches(&self) -> bool;
+
+    /// Bending moments of a reading about y and z of Base (N m), 2x1.
+    fn moments_n_m(reading_n_m: &Self::Reading) -> Vector2<f64>;
+
+    /// Point of the x axis of Base at this distance from its origin, in World (m).
+    fn point_m(base: &Self::Base, along_m: f64) -> Vector3<f64>;
 
     /// Way between two poses of the base.
     fn way(from: &Self::Base, to: &Self::Base) -> Way;
@@ -106,12 +115,24 @@ impl Kind for Planar {
         self.estimator.end(estimates);
     }
 
+    fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.estimator.keep_rest_reading(&earlier.estimator);
+    }
+
     fn is_following(&self) -> bool {
         self.looks_back && self.estimator.is_following()
     }
 
     fn touches(&self) -> bool {
         self.estimator.signals().touched.is_some()
+    }
+
+    fn moments_n_m(reading_n_m: &f64) -> Vector2<f64> {
+        Vector2::new(0.0, *reading_n_m)
+    }
+
+    fn point_m(base: &Pose<Base, World>, along_m: f64) -> Vector3<f64> {
+        base.apply(Point::new(along_m, 0.0)).vector().push(0.0)
     }
 
     fn way(from: &Pose<Base, World>, to: &Pose<Base, World>) -> Way {
@@ -161,12 +182,24 @@ impl Kind for Spatial {
         self.estimator.end(estimates);
     }
 
+    fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.estimator.keep_rest_reading(&earlier.estimator);
+    }
+
     fn is_following(&self) -> bool {
         self.estimator.is_following()
     }
 
     fn touches(&self) -> bool {
         self.estimator.touches()
+    }
+
+    fn moments_n_m(reading_n_m: &Vector2<f64>) -> Vector2<f64> {
+        *reading_n_m
+    }
+
+    fn point_m(base: &SpatialPose, along_m: f64) -> Vector3<f64> {
+        base.position + base.rotation * (Vector3::x() * along_m)
     }
 
     fn way(from: &SpatialPose, to: &SpatialPose) -> Way {

@@ -86,6 +86,7 @@ pub mod counts;
 mod disturbance;
 mod estimator;
 mod event;
+mod frozen;
 mod kind;
 mod matching;
 mod motion;
@@ -106,7 +107,7 @@ pub use kind::{Kind, Planar, Spatial, Way};
 pub use motion::{Deviation, Motion, Place};
 pub use play::{Content, Message, SpatialMessage, messages, messages_in_space, play};
 pub use poses::{Posed, Poses, SpatialPoses};
-pub use samples::{Sampled, Samples};
+pub use samples::{Lack, Sampled, Samples};
 pub use timing::Timing;
 
 /// Standard deviation of the noise (N m) of a stream: the stated one, but at least that of the sensor in the calibration. With less, a

@@ -46,12 +46,17 @@ pub(crate) struct Matching<M, R> {
     motion: M,
     /// Times of the last settled readings.
     recent: VecDeque<f64>,
+    /// Largest time (s) of a reading with a pose behind the newest pose, and the largest that is admitted: after a jump of one of two
+    /// clocks, the poses at the times of the readings are those of other instants.
+    lag_s: f64,
+    most_lag_s: f64,
 }
 
 impl<M: Motion, R: Copy> Matching<M, R> {
     pub(crate) fn new(timing: Timing, rate_hz: f64, motion: M) -> Self {
         let (waiting, recent) = (VecDeque::new(), VecDeque::new());
-        Self { timing, rate_hz, readings: Clock::default(), waiting, motion, recent }
+        let (readings, lag_s, most_lag_s) = (Clock::default(), 0.0, f64::INFINITY);
+        Self { timing, rate_hz, readings, waiting, motion, recent, lag_s, most_lag_s }
     }
 
     /// Begins anew after a jump of a clock. Returns the readings that waited.
@@ -59,6 +64,7 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         self.motion.restart();
         self.readings = Clock::default();
         self.recent.clear();
+        self.most_lag_s = self.lag_s + self.jump_s();
         std::mem::take(&mut self.waiting)
     }
 
@@ -79,9 +85,10 @@ impl<M: Motion, R: Copy> Matching<M, R> {
             counters.repeated += 1;
             return Ok(Admitted::Repeated);
         }
-        // Its pose would be one of another clock if the clock of the readings was set back.
-        let is_behind_poses = self.motion.newest_s().is_some_and(|newest_s| newest_s - t_s > self.jump_s());
-        if is_past || is_behind_poses {
+        let lag_s = self.lag_s(t_s);
+        // Its pose would be one of another clock if the clock of the readings was set back. Delayed readings are in order.
+        let is_behind_poses = lag_s > self.jump_s() && order != Order::Next;
+        if is_past || is_behind_poses || lag_s > self.most_lag_s {
             counters.late += 1;
             return Ok(Admitted::Late);
         }
@@ -121,8 +128,8 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         Ok(())
     }
 
-    /// The next reading that needs not wait any longer at `now_s`, with the place of the base, which is not
-    /// pending.
+    /// The next reading that needs not wait any longer at `now_s`, with the place of the base, which is pending if its pose did not
+    /// arrive in time.
     pub(crate) fn settled(&mut self, now_s: f64, counters: &mut Counters) -> Option<(Arrived<R>, Place<M::Base>)> {
         let next = *self.waiting.front()?;
         let is_full = self.waiting.len() > MOST_WAITING;
@@ -131,7 +138,6 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         }
         let place = match self.motion.at(next.t_s, self.timing.gap_s) {
             Place::Pending if !is_full && now_s < next.at_s + self.timing.wait_s => return None,
-            Place::Pending => Place::Unknown,
             place => place,
         };
         self.settle(&next, matches!(place, Place::At(_)), counters);
@@ -167,6 +173,11 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         self.recent.back().is_some_and(|last_s| (next.t_s - last_s) * self.rate_hz > 1.0 + UNEVEN)
     }
 
+    /// Time (s) by which a reading lies behind the newest pose. Negative infinity without poses.
+    fn lag_s(&self, t_s: f64) -> f64 {
+        self.motion.newest_s().map_or(f64::NEG_INFINITY, |newest_s| newest_s - t_s)
+    }
+
     /// Largest difference of two clocks.
     fn jump_s(&self) -> f64 {
         self.timing.smallest_jump_s(self.rate_hz)
@@ -185,6 +196,9 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         }
         self.recent.push_back(next.t_s);
         self.waiting.pop_front();
+        if is_used {
+            self.lag_s = self.lag_s.max(self.lag_s(next.t_s));
+        }
         self.motion.settle(next.t_s, is_used);
     }
 }

@@ -3,6 +3,7 @@
 use whisker::frames::{Base, Pose, World};
 
 use crate::clock::Clock;
+use crate::samples::Lack;
 
 /// Pose of the base at a requested time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +13,7 @@ pub enum Place<P = Pose<Base, World>> {
     /// A later measurement may determine it.
     Pending,
     /// No later measurement can determine it: there is none before, or too long a gap.
-    Unknown,
+    Unknown(Lack),
     /// It is known and lies outside the plane of the estimators.
     OffPlane(Deviation),
 }

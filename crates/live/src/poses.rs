@@ -99,7 +99,7 @@ impl<P: Posed> Motion for Poses<P> {
         match self.samples.at(t_s, gap_s, P::between) {
             Sampled::At(pose) => Place::At(pose),
             Sampled::Pending => Place::Pending,
-            Sampled::Unknown => Place::Unknown,
+            Sampled::Unknown(lack) => Place::Unknown(lack),
         }
     }
 
@@ -128,6 +128,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::samples::Lack;
 
     fn poses(rows: &[(f64, f64, f64)]) -> Poses {
         let mut poses = Poses::default();
@@ -141,8 +142,8 @@ mod tests {
         assert_eq!(poses.at(0.1, 0.1), Place::At(Pose::new(1.0, 0.0, 0.2)));
         let Place::At(pose) = poses.at(0.175, 0.11) else { panic!("a pose") };
         assert!((pose.origin().x() - 1.75).abs() < 1e-12 && (pose.yaw_rad() - 0.35).abs() < 1e-12);
-        assert_eq!(poses.at(0.175, 0.05), Place::Unknown);
-        assert_eq!(poses.at(-0.1, 1.0), Place::Unknown);
+        assert_eq!(poses.at(0.175, 0.05), Place::Unknown(Lack::Gap { before_s: 0.1, after_s: 0.2 }));
+        assert_eq!(poses.at(-0.1, 1.0), Place::Unknown(Lack::BeforeAll { first_s: 0.0 }));
         assert_eq!(poses.at(0.3, 1.0), Place::Pending);
     }
 
@@ -179,7 +180,7 @@ mod tests {
             let expected = pose(0.3, 1.0);
             assert!((found.position - expected.position).norm() < 1e-12);
             assert!(found.rotation.angle_to(&expected.rotation) < 1e-7, "{sign}");
-            assert_eq!(poses.at(0.025, 0.05), Place::Unknown);
+            assert!(matches!(poses.at(0.025, 0.05), Place::Unknown(Lack::Gap { .. })));
         }
     }
 }

@@ -7,6 +7,26 @@ use crate::clock::Clock;
 /// Largest number of kept values.
 const MOST: usize = 1 << 14;
 
+/// Relative tolerance of the longest gap: times of equal intervals are rounded.
+const ROUNDED: f64 = 1e-6;
+
+/// Reason why no later value can determine the one of a requested time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lack {
+    /// It lies before all values.
+    BeforeAll {
+        /// Time of the first value.
+        first_s: f64,
+    },
+    /// Its neighbours are too far apart.
+    Gap {
+        /// Time of the value before.
+        before_s: f64,
+        /// Time of the value after.
+        after_s: f64,
+    },
+}
+
 /// Value at a requested time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sampled<T> {
@@ -15,7 +35,7 @@ pub enum Sampled<T> {
     /// A later value may determine it.
     Pending,
     /// No later value can determine it.
-    Unknown,
+    Unknown(Lack),
 }
 
 /// Values in order of time, with the clock of their messages. The oldest are dropped if there are too many.
@@ -54,12 +74,14 @@ impl<T: Copy> Samples<T> {
         if *after_s == t_s {
             return Sampled::At(*after);
         }
-        match place.checked_sub(1).and_then(|place| self.kept.get(place)) {
-            Some((before_s, before)) if after_s - before_s <= gap_s => {
-                Sampled::At(between(before, after, (t_s - before_s) / (after_s - before_s)))
-            }
-            _ => Sampled::Unknown,
+        let Some((before_s, before)) = place.checked_sub(1).and_then(|place| self.kept.get(place)) else {
+            return Sampled::Unknown(Lack::BeforeAll { first_s: *after_s });
+        };
+        let rounding_s = ROUNDED * gap_s + 2.0 * f64::EPSILON * after_s.abs();
+        if after_s - before_s > gap_s + rounding_s {
+            return Sampled::Unknown(Lack::Gap { before_s: *before_s, after_s: *after_s });
         }
+        Sampled::At(between(before, after, (t_s - before_s) / (after_s - before_s)))
     }
 
     /// The last value before a time; otherwise the first one.
@@ -88,5 +110,27 @@ impl<T: Copy> Samples<T> {
     /// Drops all values.
     pub fn clear(&mut self) {
         *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_values_whose_interval_is_the_longest_gap_are_interpolated() {
+        // Ten values a second; the difference of their times exceeds 0.1 s by rounding.
+        for origin_s in [0.0, 1.7e9] {
+            let mut samples = Samples::default();
+            (0..10).for_each(|row| assert!(samples.insert(origin_s + 0.1 * f64::from(row), f64::from(row))));
+            for row in 0..9 {
+                let t_s = origin_s + 0.1 * f64::from(row) + 0.05;
+                let sampled = samples.at(t_s, 0.1, |before, after, share| before + (after - before) * share);
+                let Sampled::At(value) = sampled else { panic!("{t_s} s: {sampled:?}") };
+                assert!((value - f64::from(row) - 0.5).abs() < 1e-5, "{value}");
+            }
+            let gap = samples.at(origin_s + 0.05, 0.0999, |before, _, _| *before);
+            assert!(matches!(gap, Sampled::Unknown(Lack::Gap { .. })), "{gap:?}");
+        }
     }
 }

@@ -198,3 +198,15 @@ fn robust_a_base_in_space_that_moves_or_turns_implausibly_fast_is_noted() {
     });
     assert!(outlier.0 == 0, "{outlier:?}");
 }
+
+#[test]
+fn robust_a_frozen_sensor_in_space_is_left_out() {
+    let mut sweep = Sweep::new(1);
+    let held_n_m = sweep.readings_n_m[200];
+    sweep.readings_n_m[200..300].fill(held_n_m);
+    let (answers, events, live) = played(sweep.live(line()), &sweep.messages(&QUIET, 1));
+    let [Event::Frozen { .. }, Event::Thawed { .. }] = events[..] else { panic!("{events:?}") };
+    let left_out = answers.iter().filter(|answer| answer.status == Status::Frozen).count();
+    assert!((85..=96).contains(&left_out) && live.counters().frozen == left_out as u64, "{left_out}");
+    assert!(answers[310..].iter().all(|answer| answer.estimate.is_some()));
+}

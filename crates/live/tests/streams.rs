@@ -7,7 +7,7 @@ use std::cell::Cell;
 use std::sync::Arc;
 
 use live::{
-    Answer, Content, Disturbance, Event, LiveEstimator, Message, Output, Status, Stream, Timing, messages, play,
+    Answer, Content, Disturbance, Event, Lack, LiveEstimator, Message, Output, Status, Stream, Timing, messages, play,
 };
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -15,7 +15,7 @@ use rand_pcg::Pcg64;
 use testbed::replay::samples;
 use trace::{Instant, Recording};
 use whisker::estimators::{self, ESTIMATORS, Estimate, EstimatorRow, Knowledge, MethodClass};
-use whisker::frames::Pose;
+use whisker::frames::{Base, Pose, World};
 
 /// Measurement noise.
 const NOISE_N_M: f64 = 3e-7;
@@ -34,16 +34,27 @@ struct Sweep {
 
 impl Sweep {
     fn new(seed: u64) -> Self {
+        Self::lasting(seed, DURATION_S)
+    }
+
+    /// The recording of this duration.
+    fn lasting(seed: u64, duration_s: f64) -> Self {
         let knowledge = world::knowledge(NOISE_N_M);
+        let samples = world::samples(&knowledge, duration_s, |_| true).into_iter();
+        let rows = samples.map(|(t_s, sample)| (t_s, world::base(t_s), sample.reading_n_m));
+        Self::of(seed, &knowledge, rows)
+    }
+
+    /// A recording with these times, poses and readings without noise.
+    fn of(seed: u64, knowledge: &Arc<Knowledge>, rows: impl Iterator<Item = (f64, Pose<Base, World>, f64)>) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
         let (mut instants, mut readings_n_m) = (Vec::new(), Vec::new());
-        for (t_s, sample) in world::samples(&knowledge, DURATION_S, |_| true) {
+        for (t_s, base, moment_z_n_m) in rows {
             let noise: f64 = rng.sample(StandardNormal);
-            let (base, moment_z_n_m) = (world::base(t_s), sample.reading_n_m);
             instants.push(Instant { t_s, base, twist: None, moment_z_n_m, rotation_z_rad: None });
             readings_n_m.push(moment_z_n_m + NOISE_N_M * noise);
         }
-        Self { knowledge, recording: Recording { instants }, readings_n_m }
+        Self { knowledge: knowledge.clone(), recording: Recording { instants }, readings_n_m }
     }
 
     fn messages(&self, disturbance: &Disturbance, seed: u64) -> Vec<Message> {
@@ -158,12 +169,15 @@ fn verif_poses_at_other_times_are_interpolated() {
     assert!(worst_m > 0.0 && worst_m < 2e-5, "{worst_m} m");
 }
 
+/// Distances of the estimated contacts from the true one (m), from a time on.
+fn errors_m(answers: &[Answer], from_s: f64) -> Vec<f64> {
+    let late = answers.iter().filter(|answer| answer.t_s > from_s);
+    late.filter_map(|answer| Some(answer.base?.apply(answer.estimate?.contact).distance(&world::contact()))).collect()
+}
+
 /// RMS distance of the estimated contacts of the last half second from the true one (m).
 fn rmse_m(answers: &[Answer]) -> f64 {
-    let late = answers.iter().filter(|answer| answer.t_s > DURATION_S - 0.5);
-    let errors_m: Vec<f64> = late
-        .filter_map(|answer| Some(answer.base?.apply(answer.estimate?.contact).distance(&world::contact())))
-        .collect();
+    let errors_m = errors_m(answers, DURATION_S - 0.5);
     (errors_m.iter().map(|error_m| error_m * error_m).sum::<f64>() / errors_m.len() as f64).sqrt()
 }
 
@@ -213,6 +227,119 @@ fn robust_overtaken_readings_are_used_if_there_is_time_to_wait() {
     assert!(live.counters().late > 5 && count(&answers, Status::Late) > 5, "{}", live.counters());
 }
 
+/// The messages with other times of the arrivals of readings.
+fn with_arrivals(sweep: &Sweep, arrival_s: impl Fn(f64) -> f64) -> Vec<Message> {
+    let mut messages = sweep.messages(&QUIET, 1);
+    for message in &mut messages {
+        if let Content::Reading(_) = message.content {
+            message.at_s = arrival_s(message.t_s);
+        }
+    }
+    messages.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    messages
+}
+
+#[test]
+fn regress_readings_that_are_delayed_or_sent_in_batches_are_used() {
+    let sweep = Sweep::new(1);
+    let replayed = sweep.replayed(ekf());
+    let batches = |t_s: f64| 0.2 * (t_s / 0.2).floor() + 0.2;
+    let delayed = |t_s: f64| t_s + 0.3;
+    let arrivals: [&dyn Fn(f64) -> f64; 2] = [&batches, &delayed];
+    for arrival_s in arrivals {
+        let (answers, events, live) = played(sweep.live(ekf(), Timing::default()), &with_arrivals(&sweep, arrival_s));
+        assert!(events.is_empty() && live.counters().late == 0, "{events:?} {}", live.counters());
+        assert_eq!(estimates(&answers), replayed);
+        assert!(live.counters().remarks().is_empty(), "{:?}", live.counters().remarks());
+    }
+}
+
+#[test]
+fn regress_readings_on_another_clock_than_the_poses_are_noted() {
+    let sweep = Sweep::new(1);
+    let mut messages = sweep.messages(&QUIET, 1);
+    for message in &mut messages {
+        if let Content::Pose(_) = message.content {
+            message.t_s += 1.7e9;
+        }
+    }
+    let (answers, events, live) = played(sweep.live(ekf(), Timing::default()), &messages);
+    assert_eq!(count(&answers, Status::Stale), answers.len());
+    assert!(matches!(events[..], [Event::Stale { lack: Some(Lack::BeforeAll { .. }), .. }]), "{events:?}");
+    assert!(events[0].to_string().contains("compare the clocks of readings and poses"), "{}", events[0]);
+    let remarks = live.counters().remarks();
+    assert!(remarks.len() == 1 && remarks[0].contains("compare the clocks"), "{remarks:?}");
+}
+
+#[test]
+fn robust_a_sender_that_hangs_is_no_jump_of_its_clock() {
+    let sweep = Sweep::new(1);
+    // A reading and a pose are stamped, and sent 0.2 s later; the messages in between are missing.
+    let hangs_s = sweep.recording.instants[CHANGE].t_s;
+    let mut messages = sweep.messages(&QUIET, 1);
+    messages.retain(|message| !(hangs_s + 0.002..hangs_s + 0.2).contains(&message.t_s));
+    for message in &mut messages {
+        if message.t_s == hangs_s {
+            message.at_s += 0.2;
+        }
+    }
+    messages.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    let (answers, events, live) = played(sweep.live(ekf(), Timing::default()), &messages);
+    assert!(events.is_empty() && live.counters().jumps == 0, "{events:?}");
+    let last = answers.last().unwrap();
+    assert!(last.estimate.is_some() && errors_m(&answers, hangs_s + 0.3).iter().all(|error_m| *error_m < 1e-3));
+}
+
+#[test]
+fn robust_notes_on_missing_poses_name_the_setting() {
+    let sweep = Sweep::new(1);
+    let noted = |is_kept: fn(f64) -> bool| {
+        let mut messages = sweep.messages(&QUIET, 1);
+        messages.retain(|message| matches!(message.content, Content::Reading(_)) || is_kept(message.t_s));
+        let (_, events, _) = played(sweep.live(ekf(), Timing { wait_s: 0.5, ..Timing::default() }), &messages);
+        events.first().map(ToString::to_string).unwrap_or_default()
+    };
+    let gap = noted(|t_s| !(0.5..0.7).contains(&t_s));
+    assert!(gap.contains("0.204 s apart, more than --gap (gap_s of a mapping)"), "{gap}");
+    let none = noted(|t_s| t_s < 0.5);
+    assert!(none.contains("within --wait (wait_s of a mapping), the newest of 0.496 s"), "{none}");
+}
+
+/// Rows of a sensor that holds its reading for half a second while the whisker touches.
+const HELD: std::ops::Range<usize> = 200..325;
+
+#[test]
+fn robust_a_frozen_sensor_costs_its_readings_alone() {
+    let (mut quiet_m2, mut frozen_m2) = (0.0, 0.0);
+    for seed in 1..=8 {
+        let mut sweep = Sweep::lasting(seed, 2.4);
+        let errors_of = |sweep: &Sweep| {
+            let (answers, events, live) = played(sweep.live(ekf(), Timing::default()), &sweep.messages(&QUIET, 1));
+            let errors_m = errors_m(&answers, 1.4);
+            assert!(errors_m.len() > 240, "{}", errors_m.len());
+            (answers, events, live, errors_m.iter().map(|error_m| error_m * error_m).sum::<f64>())
+        };
+        let (_, events, live, squares_m2) = errors_of(&sweep);
+        assert!(events.is_empty() && live.counters().frozen == 0, "{events:?}");
+        quiet_m2 += squares_m2;
+        let held_n_m = sweep.readings_n_m[HELD.start];
+        sweep.readings_n_m[HELD].fill(held_n_m);
+        let (answers, events, live, squares_m2) = errors_of(&sweep);
+        frozen_m2 += squares_m2;
+        let [Event::Frozen { count: found, .. }, Event::Thawed { t_s }] = events[..] else { panic!("{events:?}") };
+        assert!((5..15).contains(&found), "{found}");
+        assert_eq!(t_s, sweep.recording.instants[HELD.end].t_s);
+        let left_out = count(&answers, Status::Frozen);
+        assert_eq!((left_out, live.counters().frozen), (HELD.len() + 1 - found as usize, left_out as u64));
+        assert!(live.counters().remarks().iter().any(|remark| remark.contains("stay the same")));
+        // Until they are found, the base moves little.
+        let worst_m = errors_m(&answers, 0.7).into_iter().fold(0.0, f64::max);
+        assert!(worst_m < 2e-3, "{worst_m} m");
+    }
+    let growth = (frozen_m2 / quiet_m2).sqrt();
+    assert!(growth < 1.3, "{growth}");
+}
+
 /// First row of the changed part of a recording: the whisker touches before and after it.
 const CHANGE: usize = 200;
 
@@ -251,6 +378,35 @@ fn robust_a_jump_of_the_clock_restarts_the_estimator() {
             assert!(off_m < 1e-9, "{by_s}: {off_m} m");
         }
     }
+}
+
+#[test]
+fn robust_a_jump_in_a_light_contact_keeps_the_rest_reading() {
+    // The whisker is free, touches lightly while the clock jumps, and presses then.
+    let base = |t_s: f64| {
+        let ramp = |from_s: f64, to_s: f64| ((t_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0);
+        Pose::new(0.0, -1e-3 + 1.5e-3 * ramp(0.2, 0.4) + 4e-3 * ramp(1.2, 1.5), 0.03 * ramp(1.5, 1.8))
+    };
+    let knowledge = world::knowledge(NOISE_N_M);
+    let row = |row: u32| {
+        let base = base(f64::from(row) / world::RATE_HZ);
+        let predicted = knowledge.faces[0].predict(base.inverse().apply(world::contact()));
+        (f64::from(row) / world::RATE_HZ, base, predicted.map_or(0.0, |predicted| predicted.reading_n_m))
+    };
+    let sweep = Sweep::of(1, &knowledge, (0..500).map(row));
+    let largest_n_m = sweep.knowledge.faces[0].largest_reading_n_m;
+    let share = sweep.recording.instants[CHANGE].moment_z_n_m.abs() / largest_n_m;
+    assert!((0.01..0.029).contains(&share), "{share}: as large as an offset may be");
+    let error_m = |messages: &[Message]| {
+        let (answers, events, _) = played(sweep.live(ekf(), Timing::default()), messages);
+        let answered = answers.len() == sweep.readings_n_m.len();
+        assert!(answered && events.len() < 2);
+        let errors_m = errors_m(&answers[answers.len() - 30..], 0.0);
+        assert_eq!(errors_m.len(), 30);
+        errors_m.into_iter().fold(0.0, f64::max)
+    };
+    let (quiet_m, jumped_m) = (error_m(&sweep.messages(&QUIET, 1)), error_m(&shifted(&sweep, 100.0, |_| true)));
+    assert!(jumped_m < quiet_m + 1e-3, "{jumped_m} m, {quiet_m} m without a jump");
 }
 
 /// Asserts that a jump of the clock of one stream is found and that no contact is estimated after it.
@@ -347,7 +503,7 @@ fn robust_timing_out_of_range_is_refused() {
 #[test]
 fn robust_poses_in_another_unit_are_noted_once_and_counted() {
     let sweep = Sweep::new(1);
-    let changed = |change: fn(Pose<whisker::frames::Base, whisker::frames::World>) -> Pose<_, _>| {
+    let changed = |change: fn(Pose<Base, World>) -> Pose<_, _>| {
         let mut messages = sweep.messages(&QUIET, 1);
         for message in &mut messages {
             if let Content::Pose(pose) = &mut message.content {

@@ -5,13 +5,13 @@ use std::collections::HashMap;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bag::{Error, Message, Publisher, topics};
 use futures::executor::block_on;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
-use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions};
+use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions, WriteError};
 
 use crate::outlet::Outlet;
 
@@ -19,6 +19,8 @@ use crate::outlet::Outlet;
 const DEPTH: usize = 1000;
 /// Longest time that a message waits for a slow subscriber.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Time for which the messages of a topic are dropped without a wait after one for which there was no room.
+const PAUSE: Duration = Duration::from_secs(1);
 
 /// Network of the node.
 #[derive(clap::Args)]
@@ -65,6 +67,58 @@ impl fmt::Display for Network {
 pub(crate) struct Node {
     node: ros2_client::Node,
     publishers: HashMap<String, Box<dyn Any + Send>>,
+    dropped: Dropped,
+}
+
+/// Messages that were dropped because a subscriber did not acknowledge those before, by topic.
+#[derive(Default)]
+struct Dropped(HashMap<String, Blocked>);
+
+/// A topic without room for further messages.
+struct Blocked {
+    until: Instant,
+    count: u64,
+}
+
+impl Dropped {
+    /// Writes a message. If there is no room for it, it is dropped, and so are those of the next [`PAUSE`] without a wait: a subscriber
+    /// that has vanished is known as such only after seconds, and each wait would delay all whiskers. The first one of a topic is noted.
+    fn write<M: fmt::Debug>(
+        &mut self,
+        topic: &str,
+        write: impl FnOnce() -> Result<(), WriteError<M>>,
+    ) -> Result<(), Error> {
+        if let Some(blocked) = self.0.get_mut(topic).filter(|blocked| Instant::now() < blocked.until) {
+            blocked.count += 1;
+            return Ok(());
+        }
+        match write() {
+            Ok(()) => Ok(()),
+            Err(WriteError::WouldBlock { .. }) => {
+                let until = Instant::now() + PAUSE;
+                if !self.0.contains_key(topic) {
+                    eprintln!(
+                        "{topic}: found a subscriber that acknowledged no message for {} ms, expected earlier ones to be acknowledged; \
+                         messages are dropped (they are counted)",
+                        PATIENCE.as_millis()
+                    );
+                }
+                let blocked = self.0.entry(topic.into()).or_insert(Blocked { until, count: 0 });
+                (blocked.until, blocked.count) = (until, blocked.count + 1);
+                Ok(())
+            }
+            Err(error) => Err(Error::Live { topic: topic.into(), reason: format!("{error:?}") }),
+        }
+    }
+}
+
+/// Prints the counts.
+impl Drop for Dropped {
+    fn drop(&mut self) {
+        for (topic, blocked) in &self.0 {
+            eprintln!("{topic}: {} messages were dropped", blocked.count);
+        }
+    }
 }
 
 impl Node {
@@ -77,7 +131,7 @@ impl Node {
         let mut node = context.new_node(NodeName::new("/", "whisker")?, NodeOptions::new())?;
         let spinner = node.spinner()?;
         thread::spawn(move || block_on(spinner.spin()));
-        Ok(Self { node, publishers: HashMap::new() })
+        Ok(Self { node, publishers: HashMap::new(), dropped: Dropped::default() })
     }
 
     /// Subscribes to a topic. A publisher that sends with best effort is heard only with `best_effort`, by which messages may be
@@ -125,11 +179,10 @@ impl Publisher for Node {
             self.announce::<M>(topic)?;
         }
         let failed = |reason: String| Error::Live { topic: topic.into(), reason };
-        self.publishers[topic]
+        let publisher = self.publishers[topic]
             .downcast_ref::<ros2_client::Publisher<M>>()
-            .ok_or_else(|| failed(format!("found a {}, expected the type that the topic had before", M::TYPE)))?
-            .publish(message.clone())
-            .map_err(|error| failed(format!("{error:?}")))
+            .ok_or_else(|| failed(format!("found a {}, expected the type that the topic had before", M::TYPE)))?;
+        self.dropped.write(topic, || publisher.publish(message.clone()))
     }
 }
 
@@ -140,5 +193,29 @@ fn quality(topic: &str) -> QosProfile {
         quality.durability(Durability::TransientLocal).history(History::KeepLast { depth: 1 })
     } else {
         quality.durability(Durability::Volatile).history(History::KeepLast { depth: DEPTH })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_messages_that_no_subscriber_acknowledges_are_dropped_and_counted() {
+        let mut dropped = Dropped::default();
+        let mut attempts = 0;
+        for _ in 0..3 {
+            let mut write = || {
+                attempts += 1;
+                Err(WriteError::WouldBlock { data: 1 })
+            };
+            dropped.write("/a", &mut write).expect("dropped");
+        }
+        assert_eq!((attempts, dropped.0["/a"].count), (1, 3), "one wait");
+        // Other topics are written, and so is this one after the pause.
+        dropped.write::<u8>("/b", || Ok(())).expect("written");
+        dropped.0.get_mut("/a").expect("blocked").until = Instant::now();
+        let error = dropped.write::<u8>("/a", || Err(WriteError::Internal { reason: "broken".into() }));
+        assert!(error.expect_err("an error").to_string().contains("broken"));
     }
 }

@@ -169,6 +169,33 @@ fn robust_streams_that_look_wrong_are_noted_at_their_end() {
 }
 
 #[test]
+fn regress_notes_of_one_whisker_do_not_suppress_those_of_another() {
+    let bench = Bench::new();
+    let rows = bench.replayed("pin", "ekf");
+    let options = ["left", "right"].map(|name| format!("{name}={}", bench.calibration()));
+    let arguments = ["live", "--estimator", "ekf", "--calibration", &options[0], "--calibration", &options[1]];
+    let mut input = ["left", "right"].map(|name| bench.prior("pin", Some(name), &rows)).to_vec();
+    // Each pose lies a minute ahead of the one before.
+    let jumps = |name: &str, count: u64| -> Vec<Value> {
+        let pose = |step| json!({"name": name, "t_s": 60 * step, "base_x_m": 0, "base_y_m": 0, "base_yaw_rad": 0});
+        (0..=count).map(pose).collect()
+    };
+    input.extend(jumps("left", 12));
+    input.extend(jumps("right", 2));
+    let output = fed(&arguments, &input);
+    let errors = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{errors}");
+    let noted = |name: &str| {
+        let begins = format!("error: {name}: clock of the poses: ");
+        errors.lines().filter(|line| line.starts_with(&begins)).count()
+    };
+    assert_eq!((noted("left"), noted("right")), (10, 2), "{errors}");
+    for counted in ["left: jumps of a clock: 12", "right: jumps of a clock: 2"] {
+        assert!(errors.lines().any(|line| line == counted), "{errors}");
+    }
+}
+
+#[test]
 fn robust_settings_are_refused_before_the_first_line() {
     let bench = Bench::new();
     let config = r#"{"doubt": {"nis": -1.0}}"#;

@@ -253,11 +253,11 @@ impl Counts {
             match sensor.samples.at(t_s, gap_s, line) {
                 Sampled::At(counts) => neighbours.push(counts),
                 Sampled::Pending => is_pending = true,
-                Sampled::Unknown => return Sampled::Unknown,
+                Sampled::Unknown(lack) => return Sampled::Unknown(lack),
             }
         }
         match reference {
-            Sampled::Unknown => Sampled::Unknown,
+            Sampled::Unknown(lack) => Sampled::Unknown(lack),
             Sampled::At(reference) if !is_pending => Sampled::At((reference, neighbours)),
             _ => Sampled::Pending,
         }

@@ -73,6 +73,11 @@ impl Dispatch {
         locked(&self.router).refused()
     }
 
+    /// See [`Router::foreign`].
+    pub(super) fn foreign(&self) -> u64 {
+        locked(&self.router).foreign()
+    }
+
     /// Passes a message that has just arrived to the threads of its whiskers.
     fn take(&self, topic: &str, message: &AnyMessage) {
         let mut routed = Vec::new();
@@ -80,6 +85,7 @@ impl Dispatch {
         let mut router = locked(&self.router);
         let now_s = self.origin.elapsed().as_secs_f64();
         router.route(topic, message, &mut routed);
+        router.take_notes().iter().for_each(|note| eprintln!("error: {note}"));
         for input in routed {
             let of = input.whisker.map_or(0..self.whiskers.len(), |index| index..index + 1);
             for whisker in &self.whiskers[of] {

@@ -98,8 +98,9 @@ impl Session {
             return Ok(());
         }
         let (mut time_ns, mut shapes) = (None, objects.to_vec());
+        let now_s = self.origin.elapsed().as_secs_f64();
         for shared in &self.whiskers {
-            if let Some((of_whisker_ns, of_whisker)) = locked(&shared.whisker).shapes() {
+            if let Some((of_whisker_ns, of_whisker)) = locked(&shared.whisker).shapes(now_s) {
                 time_ns = time_ns.max(Some(of_whisker_ns));
                 shapes.extend(of_whisker);
             }

@@ -111,7 +111,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     stop.store(true, Ordering::Relaxed);
     let ended: Vec<anyhow::Result<()>> =
         threads.into_iter().map(|thread| thread.join().expect("the thread does not panic")).collect();
-    session.summarise(dispatch.refused());
+    session.summarise(&dispatch);
     ended.into_iter().chain([drawn]).collect()
 }
 
@@ -217,7 +217,7 @@ impl Session {
     }
 
     /// Prints the counts of the whiskers and the latency.
-    fn summarise(&self, refused: u64) {
+    fn summarise(&self, dispatch: &Dispatch) {
         for shared in &self.whiskers {
             let whisker = locked(&shared.whisker);
             eprintln!("{}: {}", whisker.name(), whisker.counters());
@@ -237,8 +237,12 @@ impl Session {
                 eprintln!("{}: {kind}: {count}", whisker.name());
             }
         }
-        if refused > 0 {
-            eprintln!("transforms without a valid rotation, left out: {refused}");
+        let left_out = [
+            ("transforms without a valid rotation", dispatch.refused()),
+            ("moments in another frame than that of the base", dispatch.foreign()),
+        ];
+        for (kind, count) in left_out.into_iter().filter(|(_, count)| *count > 0) {
+            eprintln!("{kind}, left out: {count}");
         }
     }
 }
@@ -251,6 +255,8 @@ fn kind_of(event: &Event) -> (&'static str, bool) {
         Event::OffPlane { .. } => ("poses off the plane", true),
         Event::Fast { .. } => ("implausibly fast poses", false),
         Event::Jumped { .. } => ("jumps of a clock", true),
+        Event::Frozen { .. } => ("frozen readings", false),
+        Event::Thawed { .. } => ("readings that change again", false),
         Event::NotFinite { .. } => ("values that are not finite", true),
     }
 }

@@ -289,6 +289,11 @@ impl Estimator {
         self.runner.gated()
     }
 
+    /// See [`ContactDetector::keep_rest_reading`].
+    pub fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.detector.keep_rest_reading(&earlier.detector);
+    }
+
     /// See [`ContactDetector::signals`].
     pub fn signals(&self) -> Signals {
         self.detector.signals()

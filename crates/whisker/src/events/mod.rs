@@ -203,6 +203,12 @@ impl ContactDetector {
         self.rest_reading.give_up();
     }
 
+    /// Takes the rest reading of an earlier detector of the same sensor, if that has determined it or found none: the whisker may touch
+    /// when the detection starts again.
+    pub fn keep_rest_reading(&mut self, earlier: &Self) {
+        self.rest_reading.keep(&earlier.rest_reading);
+    }
+
     /// Takes the next reading, `dt_s` after the last, and returns the side on which the object lies. `None` while the
     /// whisker is free. Ringing can temporarily reverse the sign of the reading.
     pub fn step(&mut self, reading_n_m: f64, dt_s: f64) -> Option<Face> {

@@ -84,6 +84,13 @@ impl RestReading {
         }
     }
 
+    /// Takes the rest reading of a sensor that is determined, or was given up.
+    pub(super) fn keep(&mut self, determined: &Self) {
+        if matches!(determined.state, State::Done { .. }) {
+            self.state = determined.state.clone();
+        }
+    }
+
     /// Takes the next reading, `dt_s` after the last. Returns whether it may be a rest reading; such a reading must not be detected as
     /// a touch. The estimate starts again after a gap.
     pub(super) fn update(&mut self, reading_n_m: f64, dt_s: f64) -> bool {

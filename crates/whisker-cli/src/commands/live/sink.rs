@@ -15,7 +15,7 @@ use testbed::protocol::AnswerLine;
 use super::blocked::{Stream, Writing};
 use crate::commands::{FINISHED_WITH_FAILURES, diagnose};
 
-/// Largest number of printed notes of a kind; further ones are counted.
+/// Largest number of printed notes of a whisker and kind; further ones are counted.
 const MOST_NOTES: u64 = 10;
 
 /// Largest number of bytes that are written at once.
@@ -36,7 +36,8 @@ pub(super) struct Sink {
     origin: Instant,
     speed: f64,
     latency: Times,
-    notes: BTreeMap<&'static str, u64>,
+    /// Numbers of notes by whisker, `None` for lines that are no messages, and kind.
+    notes: BTreeMap<(Option<String>, &'static str), u64>,
     refused: u64,
 }
 
@@ -60,11 +61,13 @@ impl Sink {
                 Event::Recovered { .. } => ("poses again", MOST_NOTES),
                 Event::Fast { .. } => ("implausibly fast poses", MOST_NOTES),
                 Event::Jumped { .. } => ("jumps of a clock", MOST_NOTES),
+                Event::Frozen { .. } => ("frozen readings", MOST_NOTES),
+                Event::Thawed { .. } => ("readings that change again", MOST_NOTES),
                 Event::NotFinite { .. } => ("values that are not finite", 1),
             };
             let is_error = matches!(event, Event::Jumped { .. } | Event::NotFinite { .. });
             self.refused += u64::from(is_error);
-            self.note(kind, most, || format!("{}{of}{event}", if is_error { "error: " } else { "" }));
+            self.note(name, kind, most, || format!("{}{of}{event}", if is_error { "error: " } else { "" }));
         }
         if out.answers.is_empty() {
             return Ok(());
@@ -85,7 +88,7 @@ impl Sink {
 
     /// States that the zeroing of a whisker begins again.
     pub(super) fn repeat_zeroing(&mut self, name: Option<&str>, t_s: f64) {
-        self.note("repeated zeroings", MOST_NOTES, || {
+        self.note(name, "repeated zeroings", MOST_NOTES, || {
             let whisker = name.map_or_else(String::new, |name| format!("{name}: "));
             format!(
                 "{whisker}zeroing up to {t_s:.3} s: found counts that change by more than those of a free whisker; the zeroing begins \
@@ -97,7 +100,7 @@ impl Sink {
     /// Prints why a line is no message and what follows, if it is the first of its kind, and answers it.
     pub(super) fn refuse(&mut self, kind: &'static str, reason: impl FnOnce() -> String) -> anyhow::Result<()> {
         self.refused += 1;
-        self.note(kind, 1, || format!("error: {}", reason()));
+        self.note(None, kind, 1, || format!("error: {}", reason()));
         self.add(&AnswerLine { status: Some(REFUSED.into()), ..AnswerLine::default() })?;
         self.write()
     }
@@ -111,9 +114,10 @@ impl Sink {
 
     /// Prints the counts of the whiskers and the latency. Returns the exit code.
     pub(super) fn finish(&self, whiskers: &[(Option<String>, Counters)]) -> ExitCode {
-        for (kind, count) in &self.notes {
+        for ((name, kind), count) in &self.notes {
             if *count > 1 {
-                self.print(&format!("{kind}: {count}"));
+                let of = name.as_ref().map_or_else(String::new, |name| format!("{name}: "));
+                self.print(&format!("{of}{kind}: {count}"));
             }
         }
         for (name, counters) in whiskers {
@@ -153,8 +157,8 @@ impl Sink {
         written.context("stdout")
     }
 
-    fn note(&mut self, kind: &'static str, most: u64, words: impl FnOnce() -> String) {
-        let count = self.notes.entry(kind).or_default();
+    fn note(&mut self, name: Option<&str>, kind: &'static str, most: u64, words: impl FnOnce() -> String) {
+        let count = self.notes.entry((name.map(Into::into), kind)).or_default();
         *count += 1;
         if *count <= most {
             let further = if *count == most { " (further ones are counted)" } else { "" };

@@ -222,6 +222,13 @@ impl Estimator {
         estimates
     }
 
+    /// See [`ContactDetector::keep_rest_reading`], of both moments.
+    pub fn keep_rest_reading(&mut self, earlier: &Self) {
+        for (detector, earlier) in self.touch.detectors.iter_mut().zip(&earlier.touch.detectors) {
+            detector.keep_rest_reading(earlier);
+        }
+    }
+
     /// Whether a contact was detected at the last sample.
     pub fn touches(&self) -> bool {
         self.touch.touches()
