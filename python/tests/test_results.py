@@ -19,6 +19,48 @@ def test_verif_a_table_has_typed_columns_with_missing_values(tmp_path):
     assert table["window_m"][1] == 0.002
 
 
+def test_regress_the_kind_of_a_column_does_not_depend_on_its_content(tmp_path):
+    failures = tmp_path / "failures.csv"
+    failures.write_text("trace,estimator,noise,seed,reason\n001,,0,3,17\n")
+    table = wc.read_table(failures)
+    assert [table.dtype[name].kind for name in table.dtype.names] == list("UUfuU")
+    assert table[0].tolist() == ("001", "", 0.0, 3, "17")
+    failures.write_text("trace,estimator,noise,seed,reason\n")
+    empty = wc.read_table(failures)
+    assert len(empty) == 0
+    assert [empty.dtype[name].kind for name in empty.dtype.names] == list("UUfuU")
+    head = ["trace", "group", "whisker", "object", "estimator", "noise", "seed", "touch_s", "samples", "missing", "models"]
+    scores = [metric["name"] for metric in wc.metrics()]
+    trials = tmp_path / "trials.csv"
+    row = ["07", "1", "2", "3", "4", "0", "1", "0.5", "10", "0", "", *("" for _ in scores)]
+    trials.write_text(",".join(head + scores) + "\n" + ",".join(row) + "\n")
+    table = wc.read_table(trials)
+    assert table.dtype.names == (*head, *scores)
+    assert [table.dtype[name].kind for name in head] == list("UUUUUfufuuU")
+    assert all(table.dtype[name].kind == "f" and np.isnan(table[name][0]) for name in scores)
+    assert table[["trace", "models"]][0].tolist() == ("07", "")
+
+
+def test_verif_names_of_columns_that_differ_between_tables(tmp_path):
+    """`object` is a shape or an index, `touched` a flag or a count."""
+    points = tmp_path / "maps" / "passage.ekf.points.csv"
+    points.parent.mkdir()
+    names = "t_s,whisker,array,object,x_m,y_m,normal_rad,cov_xx_m2,cov_xy_m2,cov_yy_m2"
+    points.write_text(f"{names}\n0.5,1,2,,0,0,0,,,\n0.6,1,2,1,0,0,0,,,\n")
+    table = wc.read_table(points)
+    assert table["whisker"].tolist() == ["1", "1"]
+    assert np.array_equal(table["object"], [np.nan, 1.0], equal_nan=True)
+    outlines = tmp_path / "maps" / "passage.ekf.outlines.csv"
+    outlines.write_text("object,x_m,y_m,normal_rad,cov_xx_m2,cov_xy_m2,cov_yy_m2,touched\n2,0,0,0,,,,true\n")
+    table = wc.read_table(outlines)
+    assert table[["object", "touched"]][0].tolist() == (2, 1)
+    grid = tmp_path / "maps" / "passage.ekf.grid.csv"
+    grid.write_text("x_m,y_m,swept,touched,occupied\n0,0,1,7,0.5\n")
+    table = wc.read_table(grid)
+    assert table["touched"].tolist() == [7]
+    assert table.dtype["touched"] == np.uint64
+
+
 def test_robust_a_damaged_table_is_refused_with_line_and_column(tmp_path):
     path = tmp_path / "bounds" / "pin.csv"
     path.parent.mkdir()

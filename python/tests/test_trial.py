@@ -249,6 +249,58 @@ def test_robust_an_error_of_an_estimator_names_its_trial(simulated, calibration)
     assert raised.value.__notes__ == [f"estimator `wrong`, trace {simulated.name}, seed 7"]
 
 
+def stated(folder, replay):
+    """The golden sweep over a pin, whose sidecar states `replay`."""
+    folder.mkdir()
+    for file in GOLDEN.glob("golden_pin*"):
+        (folder / file.name).write_bytes(file.read_bytes())
+    sidecar = folder / "golden_pin.json"
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"replay": replay}))
+    return wc.Trace.read(folder / "golden_pin.csv")
+
+
+def test_verif_evaluate_adds_the_noise_that_all_traces_state(tmp_path, calibration):
+    trace, plain = stated(tmp_path / "stated", {"noise": 0.03}), wc.Trace.read(GOLDEN / "golden_pin.csv")
+
+    def rmse_m(traces, **options):
+        return wc.evaluate(traces, calibration, ["ekf"], seeds=2, **options)["start_rmse_m"]
+
+    assert same_bits(rmse_m([trace]), rmse_m([plain], noise=0.03))
+    assert same_bits(rmse_m([trace], noise=0.02), rmse_m([plain], noise=0.02))
+    assert same_bits(rmse_m([trace, plain])[:2], rmse_m([plain], noise=0.01))
+    assert not same_bits(rmse_m([trace]), rmse_m([plain]))
+
+
+@pytest.mark.parametrize("noise", [None, 0.01])
+def test_robust_evaluate_refuses_traces_that_state_a_miscalibration(tmp_path, calibration, noise):
+    none = stated(tmp_path / "none", {"noise": 0.01, "miscalibration": {"gain": 0.0}})
+    assert len(wc.evaluate([none], calibration, ["ekf"], noise)) == 1
+    trace = stated(tmp_path / "stated", {"noise": 0.01, "miscalibration": {"gain": 0.02, "mount_rad": 0.001}})
+    expected = r"traces: golden_pin: found a stated miscalibration \(gain, mount_rad\), expected none"
+    with pytest.raises(ValueError, match=expected):
+        wc.evaluate([trace], calibration, ["ekf"], noise)
+
+
+@pytest.mark.parametrize(
+    ("traces", "found"),
+    [
+        ("datasets/smoke", "the path `datasets/smoke`"),
+        (GOLDEN, "the path"),
+        ([str(GOLDEN / "golden_pin.csv")], "the path `.*golden_pin.csv` among them"),
+        ([3], "int among them"),
+    ],
+)
+def test_robust_evaluate_refuses_what_is_no_trace(calibration, traces, found):
+    with pytest.raises(TypeError, match=f"traces: found {found}.*, expected traces"):
+        wc.evaluate(traces, calibration, ["ekf"])
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64])
+def test_robust_evaluate_refuses_seeds_out_of_range(simulated, calibration, seed):
+    with pytest.raises(ValueError, match=f"seeds: found {seed}, expected 0 to"):
+        wc.evaluate([simulated], calibration, ["ekf"], seeds=[1, seed])
+
+
 def test_robust_a_glitch_does_not_scale_the_noise(tmp_path, calibration):
     for file in GOLDEN.glob("golden_pin*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from os import PathLike
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from ._native import Calibration, SpatialCalibration, SpatialTrace, SpatialTrial, Trace, Trial
 
-#: Measurement noise of a simulated trace, as a fraction of the largest reading of its set.
+#: Measurement noise of a simulated trace that states none, as a fraction of the largest reading of its set.
 DEFAULT_NOISE = 0.01
+
+_LARGEST_SEED = 2**64 - 1
 
 _AnyTrace: TypeAlias = Trace | SpatialTrace
 _AnyCalibration: TypeAlias = Calibration | SpatialCalibration
@@ -53,15 +56,17 @@ def evaluate(
     `estimators` are names of registered estimators, or a dictionary from the name of a row to a registered name or to a function
     that makes an estimator from a `Trial`, in space from a `SpatialTrial`; what it makes has a method `step` (see `Trial.run`) and
     must not use `Trial.trace`, which holds the truth. `noise` is a fraction of the largest reading of all traces with the same
-    group and whisker, by default 0.01, and 0 for recordings of real sensors. `seeds` are a number of seeds from 1 on, or the seeds
-    themselves. Registered estimators run in parallel on `threads` threads, with the same result.
+    group and whisker. By default it is the noise that each trace states (`replay` of its sidecar) if all traces state theirs,
+    otherwise 0.01, and 0 for recordings of real sensors. A miscalibration that a trace states is not applied, with any `noise`:
+    such traces are a `ValueError`. `seeds` are a number of seeds from 1 on, or the seeds themselves. Registered estimators run in
+    parallel on `threads` threads, with the same result.
 
     An exception of an estimator has a note with the estimator, the trace and the seed.
 
     Returns a structured array with a row for each trace, seed and estimator: `trace`, `group`, `whisker`, `seed`, `estimator`,
     then the scores, those of `Trial.score` or `SpatialTrial.score`.
     """
-    traces = list(traces)
+    traces = _checked_traces(traces)
     if isinstance(estimators, str):
         raise TypeError(f"estimators: found the text `{estimators}`, expected names in a list, or a dictionary")
     if threads < 1:
@@ -73,10 +78,14 @@ def evaluate(
     each_seed = range(1, int(seeds) + 1) if isinstance(seeds, (int, np.integer)) else seeds
     if len(each_seed) == 0:
         raise ValueError("seeds: found none, expected at least one")
+    for seed in each_seed:
+        if not 0 <= seed <= _LARGEST_SEED:
+            raise ValueError(f"seeds: found {seed}, expected 0 to {_LARGEST_SEED}")
+    states_noise = all("replay" in trace.sidecar for trace in traces)
     largest_n_m = _largest_readings(traces, calibrations)
 
     def trial_rows(trace: _AnyTrace, seed: int) -> list[dict[str, object]]:
-        fraction = noise if noise is not None else (0.0 if "recorded" in trace.sidecar else DEFAULT_NOISE)
+        fraction = noise if noise is not None else _default_noise(trace, states_noise)
         added_n_m = fraction * largest_n_m[trace.group, trace.whisker.name]
         trial = _trial(trace, _calibration(calibrations, trace.whisker.name), seed, added_n_m)
         head = {"trace": trace.name, "group": trace.group, "whisker": trace.whisker.name, "seed": seed}
@@ -96,6 +105,35 @@ def evaluate(
         with ThreadPoolExecutor(threads) as pool:
             rows = list(pool.map(lambda job: trial_rows(*job), jobs))
     return _table([row for of_trial in rows for row in of_trial])
+
+
+def _checked_traces(traces: Iterable[_AnyTrace]) -> list[_AnyTrace]:
+    """List of traces that state no miscalibration."""
+    expected = "expected traces, such as those of `Dataset(folder).traces()`"
+    if isinstance(traces, (str, bytes, PathLike)):
+        raise TypeError(f"traces: found the path `{traces!s}`, {expected}")
+    if isinstance(traces, (Trace, SpatialTrace)):
+        raise TypeError(f"traces: found the trace {traces.name} alone, {expected}")
+    checked = list(traces)
+    for trace in checked:
+        if not isinstance(trace, (Trace, SpatialTrace)):
+            found = f"the path `{trace!s}`" if isinstance(trace, (str, bytes, PathLike)) else type(trace).__name__
+            raise TypeError(f"traces: found {found} among them, {expected}")
+        stated = trace.sidecar.get("replay", {}).get("miscalibration", {})
+        if deviations := [name for name, value in stated.items() if value]:
+            raise ValueError(
+                f"traces: {trace.name}: found a stated miscalibration ({', '.join(deviations)}), expected none, since it would not "
+                "be applied; `whisker evaluate` applies it"
+            )
+    return checked
+
+
+def _default_noise(trace: _AnyTrace, states_noise: bool) -> float:
+    """Fraction of the set's largest reading: the stated one if all traces state theirs."""
+    if states_noise:
+        stated: float = trace.sidecar["replay"]["noise"]
+        return stated
+    return 0.0 if "recorded" in trace.sidecar else DEFAULT_NOISE
 
 
 def _check_kinds(traces: list[_AnyTrace], calibrations: _Calibrations) -> None:

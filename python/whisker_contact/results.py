@@ -12,35 +12,77 @@ from numpy.typing import NDArray
 
 from ._native import check_run, check_table
 
+#: Columns of text, of flags and of whole numbers that are always present; the others are numbers.
+_TEXTS = frozenset(
+    (
+        "array",
+        "estimator",
+        "group",
+        "matched",
+        "models",
+        "nis_verdict",
+        "quantity",
+        "reason",
+        "recording",
+        "state",
+        "trace",
+        "traces",
+        "verdict",
+        "whisker",
+    )
+)
+_FLAGS = frozenset(("at_tip", "calibrated", "model_doubtful", "second_contact", "touched", "truth_touching"))
+_WHOLE = frozenset(
+    (
+        "left_out",
+        "missing",
+        "object",
+        "objects",
+        "objects_found",
+        "objects_merged",
+        "objects_split",
+        "objects_touched",
+        "points",
+        "points_left_out",
+        "samples",
+        "seed",
+        "steps",
+        "swept",
+        "trials",
+        "whiskers",
+    )
+)
+
 
 def read_table(path: str | PathLike[str]) -> NDArray[np.void]:
     """Table of a run, such as `trials.csv` or, in space, `space_trials.csv`, as a structured array.
 
-    The columns are described in `datasets/FORMAT.md`. A missing number is NaN, a missing flag is -1 (true is 1, false is 0), a
-    missing text is empty.
+    The columns are described in `datasets/FORMAT.md`. The kind of a column depends on the table, not on its content: text (names,
+    `models`, verdicts, reasons), flags, whole numbers (counts and seeds), and otherwise numbers of `float64`. A missing number is
+    NaN, a missing flag is -1 (true is 1, false is 0), a missing text is empty.
     """
     count = check_table(path)
     with Path(path).open(newline="", encoding="utf-8") as file:
         rows = list(csv.reader(file))
     names, cells = rows[0], rows[1:]
-    columns = [_column([row[place] for row in cells]) for place in range(len(names))]
+    columns = [_column(name, names, [row[place] for row in cells]) for place, name in enumerate(names)]
     table = np.empty(count, dtype=[(name, column.dtype) for name, column in zip(names, columns, strict=True)])
     for name, column in zip(names, columns, strict=True):
         table[name] = column
     return table
 
 
-def _column(cells: list[str]) -> NDArray[Any]:
-    """Column of flags, whole numbers, numbers or text: the first that all of its cells are."""
-    given = [cell for cell in cells if cell]
-    if given and all(cell in ("true", "false") for cell in given):
+def _column(name: str, names: list[str], cells: list[str]) -> NDArray[Any]:
+    """Column `name` of a table with the columns `names`."""
+    # `object` is a shape in the tables of trials and sets, an index in those of maps, where a point may belong to none. `touched`
+    # counts in a grid.
+    if name in _TEXTS or (name == "object" and "group" in names):
+        return np.array(cells, dtype=np.str_)
+    if name in _FLAGS and "swept" not in names:
         return np.array([{"true": 1, "false": 0}.get(cell, -1) for cell in cells], dtype=np.int8)
-    if given and len(given) == len(cells) and all(cell.isdecimal() for cell in given):
+    if (name in _WHOLE and "array" not in names) or (name == "touched" and "swept" in names):
         return np.array([int(cell) for cell in cells], dtype=np.uint64)
-    try:
-        return np.array([float(cell) if cell else np.nan for cell in cells], dtype=np.float64)
-    except ValueError:
-        return np.array(cells)
+    return np.array([float(cell) if cell else np.nan for cell in cells], dtype=np.float64)
 
 
 class Results(Mapping[str, NDArray[np.void]]):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from whisker_sim.certificate import certify
+from whisker_sim.cli import main
 from whisker_sim.model import POINTS, SENSORS
 from whisker_sim.scene import Scene, Simulation
 from whisker_sim.simulate import is_split, simulate
@@ -76,3 +77,23 @@ def test_robust_friction_out_of_range_is_refused(make_run, friction):
     scene = msgspec.to_builtins(make_run().scene)
     with pytest.raises(msgspec.ValidationError, match="friction"):
         msgspec.convert({**scene, "friction": friction}, Scene)
+
+
+@pytest.mark.parametrize(("settings", "found_s"), [(None, 0.0005), ("fast", 0.001), ({"timestep_s": 0.00025}, 0.00025)])
+def test_robust_a_long_time_step_with_friction_is_refused(write_scene, assert_rejected, settings, found_s):
+    """Contacts would bounce, with forces outside the friction cone."""
+    words = ["simulation: expected a time step of at most 0.0002 s with friction", f"found {found_s} s"]
+    assert_rejected(write_scene(friction=0.3, simulation=settings), words)
+
+
+@pytest.mark.parametrize("settings", ["default", "fast"])
+def test_robust_a_long_time_step_of_the_command_line_is_refused_with_friction(write_scene, tmp_path, capsys, settings):
+    """The error names the place of the scene's own settings; nothing is written."""
+    path = write_scene(friction=0.3, simulation={"timestep_s": 0.0002})
+    assert main(["check", str(path)]) == 0
+    capsys.readouterr()
+    assert main(["simulate", str(path), "--out", str(tmp_path / "out"), "--jobs", "1", "--simulation", settings]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {path}:")
+    assert "simulation: expected a time step of at most 0.0002 s with friction, found 0.0" in error
+    assert not (tmp_path / "out").exists()

@@ -226,7 +226,9 @@ def test_verif_the_hash_of_the_inputs_is_that_of_the_sources_of_the_table_too(mo
 )
 def test_robust_effects_that_a_table_at_rest_does_not_have(tmp_path, capsys, key, value):
     scene, out = tmp_path / "scene.json", tmp_path / "out"
-    scene.write_text(json.dumps(json.loads(ROUTINE.read_text()) | {key: value}, indent=2))
+    # Friction requires a time step of at most 0.2 ms.
+    changes = {"rate_hz": 1000.0, "simulation": {"timestep_s": 0.0002}, key: value}
+    scene.write_text(json.dumps(json.loads(ROUTINE.read_text()) | changes, indent=2))
     line = scene.read_text().splitlines().index(next(line for line in scene.read_text().splitlines() if f'"{key}"' in line)) + 1
     assert main(["--scene", str(scene), "--out", str(out)]) == 2
     found = json.dumps(value, separators=(",", ":"))

@@ -431,6 +431,9 @@ def test_val_a_stiffer_pitch_takes_more_of_the_load():
         ({"solid": {"shape": "pine"}}, ["solid.shape", "expected one of", "pin"]),
         ({"motion": {**SLOW_SWEEP, "direction": [0.0, 0.0, 0.0]}}, ["motion.direction", "not zero"]),
         ({"motion": {**SLOW_SWEEP, "aim_m": [0.0, 0.0, 0.5]}}, ["motion.direction", "does not meet"]),
+        ({"motion": {**SLOW_SWEEP, "stroke_m": [0.0, 0.0, 0.0]}}, ["motion.stroke_m: expected a stroke or a tilt, found none"]),
+        ({"motion": {**SLOW_SWEEP, "contact_arc_m": 0.0005}, "solid": {"shape": "pin"}}, ["motion.direction", "at its root"]),
+        ({"motion": {**SLOW_SWEEP, "contact_arc_m": 0.0795}, "solid": {"shape": "pin"}}, ["motion.direction", "at its tip"]),
         ({"motion": {**SLOW_SWEEP, "contact_arc_m": 0.2}}, ["motion.contact_arc_m", "at most the length"]),
         ({"motion": {**SLOW_SWEEP, "tilt_rad": [0.0, 1.6, 0.0]}}, ["motion", "at most 80 degrees", "found 9"]),
         ({"motion": ARM | {"joints_rad": [0.0] * 6}}, ["motion.joints_rad", "length 7"]),
@@ -451,6 +454,17 @@ def test_val_a_stiffer_pitch_takes_more_of_the_load():
 )  # fmt: skip
 def test_robust_wrong_scenes_are_one_clear_error(rejected, changes, words):
     rejected(words, **changes)
+
+
+@pytest.mark.parametrize(
+    ("solid", "extent_m"),
+    [({"shape": "sphere", "radius_m": 3.0}, 3.0), ({"shape": "cylinder", "radius_m": 1.5, "length_m": 1.0}, 1.5)],
+)
+def test_robust_the_touch_of_a_solid_larger_than_a_metre_is_on_its_surface(space_run, solid, extent_m):
+    """The advance begins outside the solid, also if the aim is deep inside it."""
+    scene = space_run(solid=solid).scene
+    start_m = scene.plan(scene.solid).coordinates[0, :3]
+    assert start_m[1] == pytest.approx(-extent_m - scene.motion.clearance_m - scene.resolved_whisker.radius_m(0.0487), abs=1e-4)
 
 
 def test_regress_the_golden_trace_in_space(tmp_path):

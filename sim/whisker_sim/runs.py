@@ -65,7 +65,7 @@ def load(path: Path) -> AnyScene | Suite | RandomSuite:
 
 
 def with_simulation(run: Run, simulation: Simulation) -> Run:
-    """`run` with other simulation settings; raises `InputError` if its rows are not whole numbers of their time steps."""
+    """`run` with other simulation settings; raises `InputError` if they do not fit its rate or its friction."""
     try:
         return msgspec.structs.replace(run, scene=msgspec.structs.replace(run.scene, simulation=simulation))
     except ValueError as error:

@@ -20,6 +20,8 @@ Format = Literal[1]
 Velocity = Annotated[float, msgspec.Meta(ge=-0.01, le=0.01)]
 Friction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 Stiffness = Annotated[float, msgspec.Meta(ge=2.0, le=1000.0)]
+LARGEST_FRICTION_STEP_S = 0.0002
+"""Longest time step with friction: at longer ones contacts bounce, and the force leaves the friction cone by several degrees."""
 
 
 class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -128,6 +130,11 @@ class Scene(SweepScene, frozen=True, forbid_unknown_fields=True, omit_defaults=F
             raise ValueError(f"friction: expected none with an object that is not convex ('{self.shape}'), found {self.friction}")
         if self.yields:
             self._check_yielding()
+        if self.friction_coefficient > 0.0 and self.simulation.timestep_s > LARGEST_FRICTION_STEP_S:
+            raise ValueError(
+                f"simulation: expected a time step of at most {LARGEST_FRICTION_STEP_S} s with friction, "
+                f"found {self.simulation.timestep_s} s"
+            )
 
     def _check_yielding(self) -> None:
         """Raises `ValueError` for properties that an object which gives way cannot have."""

@@ -28,9 +28,11 @@ _LARGEST_PITCH_RAD = np.radians(80.0)
 _SAMPLES = 241
 """Points of the undeflected whisker by which its clearance is found."""
 _FAR_M = 1.0
+"""Distance before the aim at which the advance begins; doubled, up to `_FARTHEST_M`, while the whisker overlaps the solid."""
+_FARTHEST_M = 128.0
 _TOUCHING_M = 1e-9
 _MARCHES = 2000
-_TIP_SHARE = 0.97
+_ROOT_SHARE, _TIP_SHARE = 0.03, 0.97
 
 
 class SpatialPlan(msgspec.Struct, frozen=True):
@@ -65,21 +67,34 @@ class SpatialStage(msgspec.Struct, frozen=True):
         The base comes along `direction` (3,), so that the whisker's point at `arc_m` passes through `aim_m`. The clearance does not
         decrease faster than the base advances, so that steps of its size do not pass the first touch.
 
-        Raises `ValueError` if the whisker does not touch, or touches with its tip.
+        Raises `ValueError` if the whisker does not touch, or touches with its tip or at its root.
         """
-        arcs_m = np.linspace(0.0, self.whisker.whisker.length_m, _SAMPLES)
+        length_m = self.whisker.whisker.length_m
+        arcs_m = np.linspace(0.0, length_m, _SAMPLES)
         whisker_m = applied(rotation, self.whisker.rest_point_m(arcs_m))
         radii_m = self.whisker.whisker.radius_m(arcs_m)
-        position_m = aim_m - applied(rotation, self.whisker.rest_point_m(arc_m)) - _FAR_M * direction
+        aimed_m = aim_m - applied(rotation, self.whisker.rest_point_m(arc_m))
+
+        def clearances_m(position_m: Array) -> Array:
+            return self.solid.closest(position_m + whisker_m).distance_m - radii_m
+
+        far_m = _FAR_M
+        while np.min(clearances_m(aimed_m - far_m * direction)) < 0.0:
+            far_m *= 2.0
+            if far_m > _FARTHEST_M:
+                raise ValueError("motion.direction: expected a whisker outside the solid before it advances, found one inside")
+        position_m = aimed_m - far_m * direction
         for _ in range(_MARCHES):
-            clearance_m = self.solid.closest(position_m + whisker_m).distance_m - radii_m
+            clearance_m = clearances_m(position_m)
             nearest = int(np.argmin(clearance_m))
             if clearance_m[nearest] < _TOUCHING_M:
-                if arcs_m[nearest] > _TIP_SHARE * self.whisker.whisker.length_m:
-                    raise ValueError("motion.direction: expected a touch on the side of the whisker, found one at its tip")
+                share = arcs_m[nearest] / length_m
+                if not _ROOT_SHARE <= share <= _TIP_SHARE:
+                    place = "root" if share < _ROOT_SHARE else "tip"
+                    raise ValueError(f"motion.direction: expected a touch on the side of the whisker, found one at its {place}")
                 return position_m
             position_m = position_m + clearance_m[nearest] * direction
-            if clearance_m[nearest] > 2.0 * _FAR_M:
+            if clearance_m[nearest] > 2.0 * far_m:
                 break
         raise ValueError("motion.direction: the whisker does not meet the solid in this direction")
 

@@ -31,6 +31,11 @@ class Sweep(SpatialMotion, frozen=True, forbid_unknown_fields=True, tag="sweep")
         "tilt_rad": (0.1, 0.0, 0.05),
     }
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not any((*self.stroke_m, *self.tilt_rad)):
+            raise ValueError("stroke_m: expected a stroke or a tilt, found none")
+
     def plan(self, stage: SpatialStage) -> SpatialPlan:
         """Plans the strokes, whose speed counts the turn by its effect on the contact's distance from the root."""
         approach = self.approach(stage)
