@@ -111,7 +111,9 @@ def totals_of_trace() -> Totals:
 
 
 @pytest.mark.parametrize("reader", ["rosbags", "mcap_ros2"])
-def test_val_third_party_readers_read_every_message_of_a_recording(python: Path, whisker: Path, tmp_path: Path, reader: str) -> None:
+def test_val_third_party_readers_read_every_message_of_a_recording(
+    python: Path, whisker: Path, tmp_path: Path, reader: str
+) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     assert totals(output(python, FOREIGN / "read_bag.py", folder, reader)) == totals_of_trace()
@@ -172,7 +174,9 @@ def fed(node: Path, *arguments: str | Path) -> Iterator[TextIO]:
         process.wait(30)
 
 
-def test_val_a_third_party_listener_receives_every_message_of_a_trace(python: Path, whisker: Path, node: Path, tmp_path: Path) -> None:
+def test_val_a_third_party_listener_receives_every_message_of_a_trace(
+    python: Path, whisker: Path, node: Path, tmp_path: Path
+) -> None:
     folder = tmp_path / "circle"
     output(whisker, "bag", "export", TRACE, "--out", folder)
     with fed(node, "play", folder, "--wait-for", "/moment") as lines:

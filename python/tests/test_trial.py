@@ -97,7 +97,9 @@ def test_robust_an_object_on_the_other_side_or_ahead_of_the_tip_is_refused(whisk
     base = np.column_stack([np.zeros(7), np.linspace(0.0, 6e-3, 7), np.zeros(7)])
     circle = wc.Shape.circle([0.05, 0.015], 0.012)
     assert wc.simulate(whisker, circle, t_s, base, "left").truth["touching"].sum() > 2
-    with pytest.raises(ValueError, match=r"base\[\d\]: found the object .* mm from the undeflected whisker, expected it to meet .* right"):
+    with pytest.raises(
+        ValueError, match=r"base\[\d\]: found the object .* mm from the undeflected whisker, expected it to meet .* right"
+    ):
         wc.simulate(whisker, circle, t_s, base, "right")
     ahead = np.column_stack([np.linspace(0.0, 12e-3, 7), np.zeros(7), np.zeros(7)])
     with pytest.raises(ValueError, match=r"found the undeflected whisker in the object by .* mm and no contact on its left side"):
