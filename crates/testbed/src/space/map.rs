@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector3;
 use whisker::space::surface::OrientedPoint;
 
 use super::SpatialEstimateRow;
@@ -127,6 +126,7 @@ fn tell_apart(points: &mut [SurfacePoint]) {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
     use trace::StatedSuspension;
     use whisker::Whisker;
 
