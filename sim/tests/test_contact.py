@@ -2,14 +2,16 @@
 
 import json
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from whisker_sim.errors import SimulationError
+from whisker_sim.motions.base import REST_S
 from whisker_sim.physics.scipy_elastica import contact_with_disc
 from whisker_sim.runs import load_runs
-from whisker_sim.simulate import simulate
+from whisker_sim.simulate import check_contacts, simulate, tunnelling_limit_m
 from whisker_sim.truth import CenterLine, nearest_contact
 
 from conftest import SCENES
@@ -106,6 +108,56 @@ def test_robust_deep_penetration_fails_the_run(make_run, monkeypatch):
     monkeypatch.setattr("whisker_sim.simulate.PENETRATION_LIMIT_M", 1e-9)
     with pytest.raises(SimulationError, match=r"penetration of \S+ m at \d+\.\d+ s"):
         simulate(make_run())
+
+
+def contacts_of(touching, penetration_m=0.0, rate_hz=50.0):
+    """Contacts in the rows after the rest at the start."""
+    time_s = REST_S + np.arange(1, len(touching) + 1) / rate_hz
+    touching = np.array(touching, dtype=bool)
+    return SimpleNamespace(time_s=time_s, touching=touching, penetration_m=np.where(touching, penetration_m, 0.0))
+
+
+def check(simulated, guaranteed):
+    check_contacts(simulated, guaranteed, np.zeros(len(simulated.time_s), dtype=bool), tunnelling_limit_m(1e-4, 5e-4))
+
+
+def test_verif_an_interval_between_rows_is_judged_by_the_rows_around_it():
+    """One of the rows within a period must be in contact."""
+    between_s = REST_S + 0.05
+    for touching in ([0, 1, 1, 1], [0, 1, 0, 0], [0, 0, 1, 0]):
+        check(contacts_of(touching), [(between_s, between_s + 0.005)])
+    for touching in ([0, 0, 0, 1], [1, 0, 0, 1]):
+        with pytest.raises(SimulationError, match=r"contact lost at \S+ s, expected from \S+ s to \S+ s"):
+            check(contacts_of(touching), [(between_s, between_s + 0.005)])
+    with pytest.raises(SimulationError, match=r"penetration of 3\.0e-05 m"):
+        check(contacts_of([0, 1, 0, 0], 3e-5), [(between_s, between_s)])
+
+
+def test_robust_a_whisker_that_never_touches_fails_the_run():
+    """Also if the guaranteed contact is after the last row."""
+    for start_s in (REST_S + 0.05, REST_S + 10.0):
+        with pytest.raises(SimulationError, match="whisker never touches the object, expected contact from"):
+            check(contacts_of([0, 0, 0, 0]), [(start_s, start_s)])
+    check(contacts_of([0, 0, 0, 0]), [])
+
+
+def test_robust_a_whisker_that_passes_through_the_object_fails_the_run():
+    """A penetration of half of the radii of wire and object is refused, also where no contact is guaranteed."""
+    check(contacts_of([0, 1, 0, 0], 2.9e-4), [])
+    with pytest.raises(SimulationError, match=r"whisker passes through the object: penetration of 3\.1e-04 m .*at most 3\.0e-04 m"):
+        check(contacts_of([0, 1, 0, 0], 3.1e-4), [])
+
+
+@pytest.mark.parametrize(
+    ("shape", "radius_m"),
+    [
+        ({"shape": "pin", "radius_m": 2e-4}, 2e-4),
+        ({"shape": "rectangle", "width_m": 0.03, "height_m": 0.001, "yaw_rad": 0.35}, 5e-4),
+        ({"shape": "circle", "radius_m": 0.015, "center_m": [0.1, 0.2]}, 0.015),
+    ],
+)
+def test_verif_the_largest_circle_inside_a_shape(make_run, shape, radius_m):
+    assert make_run(object=shape).scene.object.thickest_radius_m() == pytest.approx(radius_m, rel=1e-4)
 
 
 def test_verif_calibration_strata():

@@ -6,6 +6,7 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from whisker_sim.arm import panda
@@ -13,6 +14,7 @@ from whisker_sim.cli import main
 from whisker_sim.errors import InputError
 from whisker_sim.physics import space_chain, space_pins
 from whisker_sim.physics.cases import WHISKERS
+from whisker_sim.render import is_rendered, render_set
 from whisker_sim.rod import Suspension, spatially_loaded
 from whisker_sim.runs import Run, load_runs
 from whisker_sim.space import rotation
@@ -465,6 +467,32 @@ def test_robust_the_touch_of_a_solid_larger_than_a_metre_is_on_its_surface(space
     scene = space_run(solid=solid).scene
     start_m = scene.plan(scene.solid).coordinates[0, :3]
     assert start_m[1] == pytest.approx(-extent_m - scene.motion.clearance_m - scene.resolved_whisker.radius_m(0.0487), abs=1e-4)
+
+
+class Blank:
+    """A renderer of two empty frames."""
+
+    sources = ()
+    frames_hz = rate_hz = 1.0
+    lossless = True
+    rows, still_row = 2, 0
+
+    def __init__(self, run):
+        self.run = run
+
+    def frames(self, rows):
+        return (Image.new("RGB", (8, 8), (row, 0, 0)) for row in rows)
+
+
+def test_regress_an_animation_is_drawn_again_after_its_mesh_changed(space_run, tmp_path):
+    run = space_run(solid={"shape": "mesh", "file": "octahedron.obj", "unit_m": 1e-3})
+    assert not is_rendered(tmp_path, run, Blank)
+    render_set(tmp_path, Blank(run))
+    assert is_rendered(tmp_path, run, Blank)
+    (tmp_path / "octahedron.obj").write_text(OCTAHEDRON.replace("v 0 0 15", "v 0 0 15.5"))
+    assert not is_rendered(tmp_path, run, Blank)
+    (tmp_path / "octahedron.obj").write_text(OCTAHEDRON)
+    assert is_rendered(tmp_path, run, Blank)
 
 
 def test_regress_the_golden_trace_in_space(tmp_path):

@@ -21,6 +21,8 @@ from whisker_sim.model import MM_PER_M, build_model
 from whisker_sim.progress import report_share
 from whisker_sim.runs import Run, set_name
 from whisker_sim.simulate import Simulated
+from whisker_sim.space.scene import SpatialScene
+from whisker_sim.space.trace import spatial_inputs_sha256
 from whisker_sim.trace import inputs_sha256, write_atomically
 from whisker_sim.whisker import Array
 
@@ -151,8 +153,9 @@ def _exif(renderer: Renderer) -> Image.Exif:
 
 
 def _provenance(run: Run, sources: tuple[Path, ...]) -> str:
-    """Provenance stored in a picture: name of the trace, and hash of all inputs that determine the picture."""
-    digest = hashlib.sha256(f"{inputs_sha256(run.scene)} {PIL.__version__}".encode())
+    """Provenance stored in a picture: name of the trace, and hash of all inputs that determine the picture, also of mesh files."""
+    inputs = spatial_inputs_sha256(run) if isinstance(run.scene, SpatialScene) else inputs_sha256(run.scene)
+    digest = hashlib.sha256(f"{inputs} {PIL.__version__}".encode())
     for source in (Path(__file__), *sources):
         digest.update(source.read_bytes())
     return f"{run.name}, inputs {digest.hexdigest()}"

@@ -164,7 +164,11 @@ def simulate(run: Run) -> Simulated:
         simulated = replace(transformed(simulated, gave_way.to_world, gave_way.yaw_rad), yielding=gave_way)
     # From an object that is not convex the whisker may jump off at any time after the touch; one that gives way may stay behind.
     guaranteed = plan.touching if scene.object.convex and not scene.yields else [(start_s, start_s) for start_s, _ in plan.touching]
-    check_contacts(simulated, guaranteed, _slipping(simulated, plan))
+    # Inside an object that is not convex, the distance to the surface is not the depth below the parts that are touched.
+    tunnelling_m = np.inf
+    if scene.object.convex:
+        tunnelling_m = tunnelling_limit_m(float(whisker.radius_m(whisker.length_m)), scene.object.thickest_radius_m())
+    check_contacts(simulated, guaranteed, _slipping(simulated, plan), tunnelling_m)
     return simulated
 
 
@@ -280,6 +284,11 @@ def _check_physics(states: Array, start: int, timestep_s: float) -> None:
         raise SimulationError(f"state is not finite at {timestep_s * (start + int(np.argmin(finite)) + 1):.4f} s")
 
 
+def tunnelling_limit_m(wire_radius_m: float, object_radius_m: float) -> float:
+    """Penetration above which the whisker passes through the object: half of that at which their middles coincide."""
+    return 0.5 * (wire_radius_m + object_radius_m)
+
+
 class _Contacts(Protocol):
     """Contacts of a simulated trace of one whisker: n rows."""
 
@@ -293,19 +302,36 @@ class _Contacts(Protocol):
     def penetration_m(self) -> Array: ...
 
 
-def check_contacts(simulated: _Contacts, guaranteed: Iterable[tuple[float, float]], slipping: NDArray[np.bool_]) -> None:
+def check_contacts(
+    simulated: _Contacts, guaranteed: Iterable[tuple[float, float]], slipping: NDArray[np.bool_], tunnelling_m: float
+) -> None:
     """Raises `SimulationError` unless the contacts are those of the plan.
 
     The whisker must be free until the motion starts, and in contact in the `guaranteed` intervals (s), with a penetration of at
-    most `PENETRATION_LIMIT_M`. `slipping` marks rows (n,) with a contact at the tip that the plan does not allow.
+    most `PENETRATION_LIMIT_M`. An interval between two rows is judged by the rows within a row's period of it, one of which must be
+    in contact. `slipping` marks rows (n,) with a contact at the tip that the plan does not allow. In no row may the penetration
+    exceed `tunnelling_m`.
     """
     time_s, touching = simulated.time_s, simulated.touching
     early = touching & (time_s <= REST_S)
     if np.any(early):
         raise SimulationError(f"whisker touches the object at {time_s[np.argmax(early)]:.3f} s, before the motion starts")
+    tunnelled = simulated.penetration_m > tunnelling_m
+    if np.any(tunnelled):
+        raise SimulationError(
+            f"whisker passes through the object: penetration of {simulated.penetration_m[np.argmax(tunnelled)]:.1e} m at "
+            f"{time_s[np.argmax(tunnelled)]:.3f} s, expected at most {tunnelling_m:.1e} m; a slower motion or a shorter time step "
+            "may help"
+        )
+    period_s = time_s[1] - time_s[0] if len(time_s) > 1 else 0.0
     for start_s, end_s in guaranteed:
+        if not np.any(touching):
+            raise SimulationError(f"whisker never touches the object, expected contact from {start_s:.3f} s to {end_s:.3f} s")
         within = (time_s >= start_s) & (time_s <= end_s)
         lost = ~touching & within
+        if not np.any(within):
+            within = (time_s > start_s - period_s) & (time_s < end_s + period_s)
+            lost = within & ~np.any(touching & within)
         if np.any(lost):
             raise SimulationError(
                 f"contact lost at {time_s[np.argmax(lost)]:.3f} s, expected from {start_s:.3f} s to {end_s:.3f} s"

@@ -21,6 +21,10 @@ HALF_HEIGHT_MM = 10.0
 """Half the height of an object. Any value well above the radius of the whisker gives the same contact."""
 
 
+_GRID = 41
+"""Points of a grid over a shape along each axis."""
+
+
 class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="shape", kw_only=True):
     """Outline of an object, placed in World."""
 
@@ -59,6 +63,13 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
     def meshes(self, half_height_mm: float = HALF_HEIGHT_MM) -> list[dict[str, str]]:
         """Attributes of the MJCF meshes that `geoms` refers to; none for most shapes."""
         return []
+
+    def thickest_radius_m(self) -> float:
+        """Radius of the largest circle inside the shape with its centre on a grid, which contains those of discs and rectangles."""
+        vertices = self.local_outline_m()
+        x_m, y_m = (np.linspace(low, high, _GRID) for low, high in zip(vertices.min(axis=0), vertices.max(axis=0), strict=True))
+        _, distance_m = self.local_closest(np.stack(np.meshgrid(x_m, y_m), axis=-1).reshape(-1, 2))
+        return float(np.max(-distance_m))
 
     def outline_m(self) -> Array:
         """Outline (n + 1, 2) in World, counter-clockwise, closed by repeating the first vertex."""

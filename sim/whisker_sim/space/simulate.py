@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from whisker_sim.documents import located
 from whisker_sim.model import MM_PER_M, N_PER_UN, SENSOR_COLUMNS, SENSORS
 from whisker_sim.runs import Run
-from whisker_sim.simulate import check_contacts, is_split, logged
+from whisker_sim.simulate import check_contacts, is_split, logged, tunnelling_limit_m
 from whisker_sim.space.model import BASE_COORDINATES, ROOT, build_model
 from whisker_sim.space.motions import SpatialPlan
 from whisker_sim.space.rotation import about, applied, from_yaw_pitch_roll, quaternion_of, undone
@@ -99,7 +99,8 @@ def simulate_in_space(run: Run) -> SpatialSimulated:
         split=is_split(sensors[:, SENSORS["points"]]),
         penetration_m=np.maximum(-sensors[:, SENSORS["distance"]], 0.0) / MM_PER_M,
     )
-    check_contacts(simulated, plan.touching, simulated.touching & simulated.truth.tip)
+    tunnelling_m = tunnelling_limit_m(float(whisker.whisker.radius_m(whisker.whisker.length_m)), solid.thickest_radius_m())
+    check_contacts(simulated, plan.touching, simulated.touching & simulated.truth.tip, tunnelling_m)
     return simulated
 
 

@@ -70,6 +70,11 @@ class Solid(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         """Curves (k, 3) of the surface in the frame of the solid, by which pictures show it."""
         raise NotImplementedError
 
+    def thickest_radius_m(self) -> float:
+        """Largest distance from the surface of some points inside the solid, which is exact for round solids and boxes."""
+        middle_m = np.concatenate(self.wireframe()).mean(axis=0)
+        return max(self.sharpest_radius_m, float(np.max(-self.local_closest(np.stack((np.zeros(3), middle_m))).distance_m)))
+
     def closest(self, points_m: Array) -> Nearest:
         """Nearest points of the surface to points (n, 3), all in World."""
         rotation, center_m = self.rotation, np.array(self.center_m)
