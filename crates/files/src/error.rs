@@ -10,6 +10,11 @@ fn at(path: &Path) -> String {
     one_line(&path.display().to_string())
 }
 
+/// Line and column, if they are known.
+fn position(line: usize, column: usize) -> String {
+    if line > 0 { format!(":{line}:{column}") } else { String::new() }
+}
+
 /// Words of an error of the operating system, which for a folder do not say what was expected.
 fn of_system(reason: &io::Error) -> String {
     match reason.kind() {
@@ -44,11 +49,11 @@ pub enum Error {
         expected: String,
     },
     /// A JSON file does not parse, or has unknown, missing or ill-typed keys.
-    #[error("{}:{line}:{column}: {}", at(path), shown(message))]
+    #[error("{}{}: {}", at(path), position(*line, *column), shown(message))]
     Json {
         /// The file.
         path: PathBuf,
-        /// Line, from 1.
+        /// Line, from 1. 0 if the message names the place.
         line: usize,
         /// Column in that line, from 1.
         column: usize,

@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use bag::messages::{Bool, Header, Point, PointStamped, Pose, PoseStamped, WrenchStamped};
+use bag::{Publisher, Writer};
 use importers::{Imported, importer};
 use serde_json::{Value, json};
 use trace::{Sidecar, Trace};
@@ -212,8 +214,8 @@ fn robust_a_column_of_touches_has_the_values_0_and_1_alone() {
     }
     let of = |cell: &str| known(&with_touching(cell).import().unwrap(), "trial_1");
     assert_eq!((of("0"), of("1.0")), (0, 1));
-    // The threshold decides, in the rows that the missing value would determine.
-    assert_eq!(of(""), 2);
+    // The threshold decides, in the row that the missing value would determine.
+    assert_eq!(of(""), 1);
 }
 
 #[test]
@@ -301,4 +303,211 @@ fn robust_a_long_interval_that_is_interpolated_is_stated() {
         notes.len() == 1 && notes[0].contains("up to 0.41") && notes[0].contains("s without a sample"),
         "{notes:?}"
     );
+}
+
+/// Readings that a recorder repeats, since the sensor is slower: of each group of `hold` rows, those of its first row.
+fn repeated(laboratory: Laboratory, hold: usize) -> Laboratory {
+    let text = fs::read_to_string(laboratory.path("trial_1.csv")).unwrap();
+    let counts: Vec<String> = text.lines().map(|line| line.split(',').nth(4).unwrap().into()).collect();
+    laboratory.cells("trial_1.csv", |line, cells| {
+        if line > 1 {
+            cells[4] = counts[(line - 2) / hold * hold + 1].clone();
+        }
+    })
+}
+
+/// Noise with a standard deviation of 10 counts, with decimals, added to the readings of the trial.
+fn noisy(laboratory: Laboratory, decimals: usize) -> Laboratory {
+    laboratory.cells("trial_1.csv", |line, cells| {
+        if line > 1 {
+            let uniform = |k: usize| (43_758.545_3 * (12.989_8 * (line * 12 + k) as f64).sin()).rem_euclid(1.0);
+            let noise = (0..12).map(uniform).sum::<f64>() - 6.0;
+            cells[4] = format!("{:.decimals$}", cells[4].parse::<f64>().unwrap() + 10.0 * noise);
+        }
+    })
+}
+
+#[test]
+fn robust_the_noise_of_repeated_readings_is_that_of_the_sensor() {
+    let of = |laboratory: Laboratory| {
+        let imported = laboratory.import().unwrap();
+        let recorded = trace(&imported, "trial_1").sidecar.recorded.clone().unwrap();
+        let is_noted = imported.notes.iter().any(|note| {
+            note.starts_with("trial_1: reading at rest: found ")
+                && note.contains("consecutive readings equal, expected")
+        });
+        (recorded.noise_sd_n_m * recorded.characteristic[0].abs(), is_noted)
+    };
+    for decimals in [0, 3] {
+        for (hold, noted) in [(1, false), (3, true), (4, true)] {
+            let (sd, is_noted) = of(repeated(noisy(Laboratory::new(), decimals), hold));
+            assert!((6.0..14.0).contains(&sd) && is_noted == noted, "{decimals} {hold}: {sd} {is_noted}");
+        }
+    }
+    // Readings that are equal because the resolution is coarse are those of any sensor.
+    let coarse = Laboratory::new().cells("trial_1.csv", |line, cells| {
+        if line > 1 {
+            cells[4] = (20.0 * (cells[4].parse::<f64>().unwrap() / 20.0).round()).to_string();
+        }
+    });
+    let (sd, is_noted) = of(coarse);
+    assert!((5.0..12.0).contains(&sd) && !is_noted, "{sd} {is_noted}");
+}
+
+#[test]
+fn verif_the_import_in_the_plane_states_its_misfit() {
+    let remark = |laboratory: Laboratory| {
+        let notes = laboratory.import().unwrap().notes;
+        let found: Vec<String> =
+            notes.into_iter().filter(|note| note.contains("(RMS) from those of the elastica")).collect();
+        found.join("\n")
+    };
+    let good = remark(Laboratory::new());
+    assert!(good.starts_with("the readings of the calibration deviate by 0.") && !good.contains("expected"), "{good}");
+    // Of a pin that is wrong by 5 mm along the whisker.
+    let moved = |mapping: &mut Value| mapping["contact"]["y"]["value"] = json!(126);
+    let wrong = remark(Laboratory::new().mapped(moved));
+    assert!(wrong.contains("expected at most 5 %") && wrong.contains("compare `whisker`"), "{wrong}");
+    let stated = |mapping: &mut Value| mapping["reading"]["characteristic"] = json!([-3e7, 0, 0]);
+    assert_eq!(remark(Laboratory::new().mapped(stated)), "");
+}
+
+#[test]
+fn robust_implausible_parameters_of_a_whisker_are_refused() {
+    for (key, value, expected) in [
+        ("length_m", json!(80), "found 80, expected 1e-3 to 1 m; compare the unit"),
+        ("root_diameter_m", json!(0.25), "found 0.25, expected 1e-6 to 0.1 m; compare the unit"),
+        ("tip_diameter_m", json!(1e-7), "found 0.0000001, expected 1e-6 to 0.1 m; compare the unit"),
+        ("youngs_modulus_pa", json!(60), "found 60, expected 1e3 to 1e13 Pa; compare the unit"),
+        ("density_kg_m3", json!(64_500), "found 64500, expected 1 to 3e4 kg/m3; compare the unit"),
+        ("root_stiffness_n_m_rad", json!(1e7), "found 10000000, expected 1e-9 to 1e6 N m/rad; compare the unit"),
+        ("root_stiffness_n_m_rad", json!(-1), "found -1, expected a positive number"),
+    ] {
+        let change = |mapping: &mut Value| {
+            mapping["whisker"][key] = value.clone();
+            if key == "length_m" {
+                mapping["whisker"]["curvature"] = json!([{"length_m": value, "curvature_per_m": 0}]);
+            }
+        };
+        Laboratory::new().mapped(change).fails(&format!("import.json: whisker.{key}: {expected}"));
+    }
+}
+
+#[test]
+fn robust_a_whisker_that_is_not_a_preset_has_another_name() {
+    let of = |whisker: Value| Laboratory::new().mapped(|mapping| mapping["whisker"] = whisker);
+    let expected = "expected a name that is not that of a preset, since the parameters differ from it";
+    let changed = json!({"preset": "straight", "root_diameter_m": 0.0003});
+    of(changed).fails(&format!("import.json: whisker.name: found none, {expected}"));
+    of(json!({"preset": "straight", "name": "curved"}))
+        .fails(&format!("import.json: whisker.name: found `curved`, {expected}"));
+    for good in [json!("straight"), json!({"preset": "straight"}), json!({"preset": "straight", "name": "mine"})] {
+        assert!(of(good.clone()).import().is_ok(), "{good}");
+    }
+}
+
+#[test]
+fn robust_wrong_parameters_of_a_whisker_are_stated_with_their_line() {
+    let of = |whisker: &str, words: &str| {
+        let laboratory = Laboratory::new();
+        let path = laboratory.path("import.json");
+        let text = fs::read_to_string(&path).unwrap();
+        let before = r#"{"preset": "straight", "name": "lab-whisker"}"#;
+        assert!(text.contains(before));
+        fs::write(&path, text.replace(before, whisker)).unwrap();
+        laboratory.fails(words);
+        let error = laboratory.import().map(drop).unwrap_err();
+        assert!(!error.contains("f64") && !error.contains(":0:0"), "{error}");
+    };
+    of(
+        "{\"preset\": \"straight\",\n\"name\": \"mine\",\n\"length_m\": \"a\"\n}",
+        "import.json:6:15: found \"a\", expected a number",
+    );
+    of(
+        "{\"preset\": \"straight\",\n\"diameter_m\": 1,\n\"name\": \"mine\"}",
+        "import.json:5:12: unknown field `diameter_m`, expected one of `preset`, `name`",
+    );
+    of(r#"{"preset": "straight", "name": null}"#, "found null, expected a string");
+    of("5", "found 5, expected a `whisker`: the name of a preset, or an object");
+    of(r#"{"preset": "none", "name": "mine"}"#, "import.json: whisker.preset: found `none`, expected one of: straight");
+    of(
+        r#"{"name": "mine"}"#,
+        "import.json: whisker.length_m: found none, expected a value, or a `preset` that has one",
+    );
+    of(
+        r#"{"preset": "straight", "name": "mine", "curvature": [[0.08, 0]]}"#,
+        "import.json: whisker.curvature[0]: found a list, expected an object",
+    );
+}
+
+/// A recording of 3 s at 100 Hz, whose flag is published when it changes, and whose contact is missing for one second.
+#[test]
+fn robust_flags_of_a_bag_are_held_and_contacts_have_gaps() {
+    const INTERVAL_NS: u64 = 10_000_000;
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = Writer::create(&folder.path().join("trial")).unwrap();
+    for row in 0..300 {
+        let (time_ns, header) = (row * INTERVAL_NS, Header::default());
+        let position = Point { x: 1e-4 * row as f64, ..Point::default() };
+        let pose = Pose { position, ..Pose::default() };
+        writer.write("/flange", time_ns, &PoseStamped { header: header.clone(), pose }).unwrap();
+        writer.write("/wrench", time_ns, &WrenchStamped::default()).unwrap();
+        if let Some(data) =
+            [(50, false), (120, true), (250, false)].iter().find_map(|(at, data)| (*at == row).then_some(*data))
+        {
+            writer.write("/touch", time_ns, &Bool { data }).unwrap();
+        }
+        if row % 5 == 0 && !(151..250).contains(&row) {
+            let point = Point { x: 0.05, y: 0.01, z: 0.0 };
+            writer.write("/pin", time_ns, &PointStamped { header, point }).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    let mapping = json!({
+        "format": 1, "kind": "import", "whisker": "straight", "rate_hz": 100,
+        "pose": {"x": {"column": "/flange/pose/position/x", "unit": "m"}, "y": {"value": 0, "unit": "m"}},
+        "reading": {"column": "/wrench/wrench/torque/z", "unit": "N m", "noise_sd": 1e-6, "touch": 1},
+        "contact": {"x": {"column": "/pin/point/x", "unit": "m"}, "y": {"column": "/pin/point/y", "unit": "m"}},
+        "recordings": [{"file": "trial", "role": "trial", "face": "left", "touching": "/touch/data"}],
+    });
+    let path = folder.path().join("import.json");
+    fs::write(&path, mapping.to_string()).unwrap();
+    let imported = (importer("bag").unwrap().import)(&path, &|_, _| {}).unwrap();
+    assert!(imported.failures.is_empty(), "{:?}", imported.failures);
+    let truth = &trace(&imported, "trial").truth.instants;
+    assert_eq!(truth.len(), 300);
+    for (row, truth) in truth.iter().enumerate() {
+        // Before the first flag the threshold decides.
+        let flag = (row >= 50).then_some((120..250).contains(&row));
+        assert_eq!(truth.touching, flag, "{row}");
+        assert_eq!(truth.contact.is_some(), (120..=150).contains(&row), "{row}");
+    }
+}
+
+#[test]
+fn verif_moments_by_a_stated_characteristic_that_is_monotone_over_the_readings() {
+    // Monotone for all positive readings, and down to -225 counts.
+    let coefficients = [-3e7, 1e12, 0.0];
+    let stated = |coefficients: [f64; 3]| {
+        let laboratory = Laboratory::new().mapped(|mapping| mapping["reading"]["characteristic"] = json!(coefficients));
+        // An even recording keeps its readings.
+        laboratory.cells("trial_1.csv", |line, cells| {
+            if line > 1 {
+                cells[0] = (10 * line).to_string();
+            }
+        })
+    };
+    let laboratory = stated(coefficients);
+    let imported = laboratory.import().unwrap();
+    let trial = trace(&imported, "trial_1");
+    let rest = trial.sidecar.recorded.as_ref().unwrap().rest_counts;
+    let text = fs::read_to_string(laboratory.path("trial_1.csv")).unwrap();
+    for (line, instant) in text.lines().skip(1).zip(&trial.recording.instants) {
+        let counts: f64 = line.split(',').nth(4).unwrap().parse().unwrap();
+        let moment = instant.moment_z_n_m;
+        let found = rest + moment * (coefficients[0] + moment * coefficients[1]);
+        assert!((found - counts).abs() < 1e-3, "{found} {counts}");
+    }
+    let turning = stated([-3e7, -1e12, 0.0]);
+    turning.fails("reading.characteristic: found a maximum of 225 counts, expected at least the largest reading, 14");
 }

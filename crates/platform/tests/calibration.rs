@@ -337,6 +337,68 @@ fn robust_a_log_given_twice_and_an_incomplete_compressed_log_are_refused() {
 }
 
 #[test]
+fn robust_distances_in_millimetres_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = regression("robust").unwrap();
+    let refused = |source: Source, words: &str| {
+        let error = gather(&[source], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    };
+    let log = write_log(folder.path(), "log", &positions(4, 0.05, 145.0), 1);
+    refused(source(log.clone()), "log.json: contacts.1.distance_m: found 48.3");
+    refused(source(log.clone()), ", expected at most 1 m; compare the unit");
+    fs::remove_file(log.with_extension("json")).unwrap();
+    let labelled = Source { path: log, distance_m: Some(145.0) };
+    refused(labelled, "log.csv: label: found 145 m, expected at most 1 m; compare the unit");
+    let table = folder.path().join("table.csv");
+    fs::write(&table, "distance_m,slope_counts_per_s\n0.05,9e4\n145,8e4\n").unwrap();
+    refused(source(table), "table.csv:3: column distance_m: found `145`, expected at most 1 m; compare the unit");
+    let manifest = folder.path().join("manifest.json");
+    for (distance_m, expected) in [("145", "at most 1 m; compare the unit"), ("0", "a distance above zero")] {
+        let logs = format!(r#"{{"file": "log.csv", "distance_m": {distance_m}}}"#);
+        fs::write(&manifest, format!(r#"{{"format": 1, "kind": "platform_logs", "logs": [{logs}]}}"#)).unwrap();
+        let error = Source::of_manifest(&manifest).unwrap_err().to_string();
+        assert!(error.ends_with(&format!("logs.0.distance_m: found {distance_m}, expected {expected}")), "{error}");
+    }
+}
+
+#[test]
+fn robust_tables_with_a_byte_order_mark_or_an_incomplete_last_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = regression("robust").unwrap();
+    let table = folder.path().join("table.csv");
+    for (text, presses, notes) in [
+        ("\u{feff}distance_mm,slope_counts_per_s\r\n50,9e4\r\n60,8e4\r\n", 2, 0),
+        ("distance_mm,slope_counts_per_s\n50,9e4\n60,8", 1, 1),
+        ("distance_mm,slope_counts_per_s\n50,9e4\n6", 1, 1),
+    ] {
+        fs::write(&table, text).unwrap();
+        let gathered = gather(&[source(table.clone())], &Settings::default(), row, RATE_HZ).unwrap();
+        assert_eq!((gathered.presses.len(), gathered.notes.len()), (presses, notes), "{text}: {:?}", gathered.notes);
+        let is_stated = |note: &String| note.ends_with("table.csv: skipped the incomplete last line");
+        assert!(gathered.notes.iter().all(is_stated), "{:?}", gathered.notes);
+    }
+}
+
+#[test]
+fn robust_a_log_without_distances_and_a_low_pass_that_is_too_fast_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = regression("robust").unwrap();
+    let log = write_log(folder.path(), "log", &positions(4, 0.05, 0.14), 1);
+    let refused = |settings: Settings| gather(&[source(log.clone())], &settings, row, RATE_HZ).unwrap_err().to_string();
+    let error = refused(Settings { cutoff_hz: 500.0, ..Settings::default() });
+    assert!(error.starts_with("--cutoff-hz: found 500, expected below 444.0, half the sampling rate of "), "{error}");
+    for cutoff_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let error = refused(Settings { cutoff_hz, ..Settings::default() });
+        assert!(error.starts_with("--cutoff-hz: found ") && error.ends_with("expected a frequency above 0"), "{error}");
+    }
+    fs::remove_file(log.with_extension("json")).unwrap();
+    let error = refused(Settings::default());
+    let words = "log.csv: label: found no sidecar with the distances, expected ";
+    assert!(error.contains(words) && error.ends_with("log.json; write it, or give `--label MM=FILE`"), "{error}");
+}
+
+#[test]
 fn robust_times_in_milliseconds_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (mut samples, spans) = record(&positions(4, 0.05, 0.14), 1);

@@ -14,6 +14,7 @@ use whisker::Whisker;
 use whisker::sensor::Face;
 
 use super::Geometry;
+use super::parameters::{StatedWhisker, check_plausible};
 use super::units::{Reading, Time};
 
 /// Longest gap that is interpolated.
@@ -25,8 +26,7 @@ const MOST_GAP_S: f64 = 60.0;
 pub(crate) struct Mapping<G: Geometry> {
     format: u32,
     kind: String,
-    /// Name of a preset, an object with a `preset` and other values over it, or all parameters.
-    whisker: Value,
+    whisker: StatedWhisker,
     /// Springs at the root, in space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) suspension: Option<StatedSuspension>,
@@ -263,40 +263,16 @@ impl<G: Geometry> Mapping<G> {
     /// The whisker.
     ///
     /// # Errors
-    /// [`Error::Value`] names the parameter.
+    /// [`Error::Value`] names the parameter that is missing, invalid or implausible.
     pub(crate) fn whisker(&self, path: &Path) -> Result<Whisker, Error> {
-        let preset = |name: &str| {
-            let presets = [Whisker::straight(), Whisker::curved(), Whisker::stanford()];
-            let known = presets.iter().map(|preset| preset.name.clone()).collect::<Vec<_>>().join(", ");
-            let found = presets.into_iter().find(|preset| preset.name == name);
-            found.ok_or_else(|| Error::value(path, "whisker", format!("`{name}`"), format!("one of: {known}")))
-        };
-        let whisker = match &self.whisker {
-            Value::String(name) => preset(name)?,
-            Value::Object(stated) => {
-                let mut stated = stated.clone();
-                let mut all = serde_json::Map::new();
-                if let Some(found) = stated.remove("preset") {
-                    let Some(name) = found.as_str() else {
-                        return Err(Error::value(path, "whisker.preset", found, "the name of a preset"));
-                    };
-                    if let Ok(Value::Object(of_preset)) = serde_json::to_value(preset(name)?) {
-                        all = of_preset;
-                    }
-                }
-                all.extend(stated);
-                serde_json::from_value(Value::Object(all)).map_err(|error| {
-                    Error::value(path, "whisker", error, "the parameters of a whisker, or a `preset`")
-                })?
-            }
-            other => return Err(Error::value(path, "whisker", other, "the name of a preset, or an object")),
-        };
+        let whisker = self.whisker.whisker(path)?;
         if !is_plain_name(&whisker.name) {
             return Err(Error::value(path, "whisker.name", format!("`{}`", whisker.name), "a plain file name"));
         }
         let invalid =
             |error: whisker::Invalid| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected);
         whisker.validate().map_err(invalid)?;
+        check_plausible(path, &whisker)?;
         Ok(whisker)
     }
 

@@ -8,6 +8,7 @@
 
 pub(crate) mod columns;
 mod mapping;
+mod parameters;
 mod plane;
 mod quantity;
 mod recording;
@@ -257,6 +258,7 @@ fn source_sha256() -> String {
         &include_bytes!("mod.rs")[..],
         include_bytes!("columns.rs"),
         include_bytes!("mapping.rs"),
+        include_bytes!("parameters.rs"),
         include_bytes!("plane/contact.rs"),
         include_bytes!("plane/conversion.rs"),
         include_bytes!("plane/mapping.rs"),

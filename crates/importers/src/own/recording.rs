@@ -20,6 +20,9 @@ const GLITCH_M: f64 = 0.01;
 /// Length of an interpolated interval, in those of the nominal rate, above which a note states it.
 const STATED_INTERVALS: f64 = 5.0;
 
+/// Share of repeated readings at rest above which a note states it.
+const STATED_REPEATS: f64 = 0.5;
+
 /// A column to be read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted<'a> {
@@ -87,7 +90,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         let wanted = wanted(laboratory, entry);
         let ReadColumns { series, sha256, repeated, is_cut_off, has_clock } =
             (source.read)(&path, &mapping.layout(), &wanted)?;
-        let columns = Columns { wanted: &wanted, series: &series };
+        let columns = Columns { wanted: &wanted, series: &series, longest_gap_s: mapping.layout().longest_gap_s };
         columns.check_readings(&path, &mapping.reading)?;
         let grid = Grid::new(&path, &mapping.layout(), &columns.complete())?;
         let clock_s = &grid.clock_s;
@@ -102,7 +105,7 @@ impl<'a, G: Geometry> Sampled<'a, G> {
             Some(name) => {
                 let flags = columns.series(name);
                 flags.check_flags(&path, name)?;
-                flags.at(clock_s).into_iter().map(|flag| flag.map(|flag| flag >= 0.5)).collect()
+                flags.held(clock_s).into_iter().map(|flag| flag.map(|flag| flag != 0.0)).collect()
             }
         };
         Ok(Self {
@@ -170,6 +173,17 @@ impl<'a, G: Geometry> Sampled<'a, G> {
         sustained(&samples).min(sustained(&rows))
     }
 
+    /// Smallest and largest reading of the first channel relative to rest, without single glitches, as [`Self::largest`].
+    pub(super) fn extremes(&self) -> [f64; 2] {
+        let Channel { samples, rows, .. } = &self.channels[0];
+        [-1.0, 1.0].map(|sign: f64| {
+            let most = |readings: &mut dyn Iterator<Item = f64>| {
+                sustained(&readings.map(|reading| (sign * reading).max(0.0)).collect::<Vec<_>>())
+            };
+            sign * most(&mut samples.values.iter().flatten().copied()).min(most(&mut rows.iter().copied()))
+        })
+    }
+
     /// Finds the glitches of the reading, given the largest reading of the calibration. Interpolated rows take the value of the
     /// nearest sample there, so that a glitch remains a glitch, and its neighbours are not changed by it.
     pub(super) fn mark_glitches(&mut self, usual: f64) {
@@ -210,6 +224,14 @@ impl<'a, G: Geometry> Sampled<'a, G> {
             notes.push(format!(
                 "{name}: reading at rest: found a change of {change:.3e} within `rest_s`, expected at most {touch:.3e} (`touch`); the \
                  whisker must be free during this time"
+            ));
+        }
+        let repeats = self.channels.iter().map(|channel| channel.at_rest.repeats).fold(0.0, f64::max);
+        if repeats > STATED_REPEATS {
+            notes.push(format!(
+                "{name}: reading at rest: found {:.0} % of the consecutive readings equal, expected a new reading in each row: the sensor \
+                 is slower than the recording, or its readings are frozen; the noise is that of the readings that differ",
+                100.0 * repeats
             ));
         }
         if self.grid.is_resampled {
@@ -317,6 +339,8 @@ fn wanted<'a, G: Geometry>(laboratory: &Laboratory<'a, G>, entry: &'a RecordingE
 pub(crate) struct Columns<'a> {
     wanted: &'a [Wanted<'a>],
     series: &'a [Series],
+    /// Longest interval between samples that is interpolated.
+    longest_gap_s: f64,
 }
 
 impl Columns<'_> {
@@ -395,10 +419,15 @@ impl Columns<'_> {
         pairs.filter(|(wanted, _)| !wanted.may_be_empty).map(|(_, series)| series).collect()
     }
 
-    /// Values of a quantity (SI units) at increasing times.
+    /// Values of a quantity (SI units) at increasing times. `None` where the recording has no value, or where the samples around the
+    /// time are farther apart than the longest gap; of the columns that must be complete, such times are not among those of the grid.
     pub(super) fn at<U: Unit>(&self, quantity: &Quantity<U>, clock_s: &[f64]) -> Vec<Option<f64>> {
         match &quantity.column {
-            Some(name) => self.series(name).clone().scaled(quantity.factor()).at(clock_s),
+            Some(name) => {
+                let series = self.series(name).clone().scaled(quantity.factor());
+                let may_be_empty = self.wanted.iter().any(|wanted| wanted.name == name && wanted.may_be_empty);
+                series.within(clock_s, if may_be_empty { self.longest_gap_s } else { f64::INFINITY })
+            }
             None => vec![quantity.constant(); clock_s.len()],
         }
     }

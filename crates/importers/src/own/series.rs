@@ -27,6 +27,9 @@ const GLITCH: f64 = 10.0;
 /// Share, and least number, of the largest steps of a column that are taken to be those of glitches.
 const OF_GLITCHES: (usize, usize) = (100, 4);
 
+/// Error of rounding of two equal times.
+const ROUNDING_S: f64 = 1e-9;
+
 /// A single value that differs strongly from both its neighbours, in the same direction.
 #[derive(Debug)]
 pub(crate) struct Glitch {
@@ -193,8 +196,22 @@ impl Series {
         flags.at(times_s).into_iter().map(|share| share.is_some_and(|share| share > 0.0)).collect()
     }
 
+    /// Values of the last samples before or at increasing times. `None` before the first sample, or if the recording has no value there.
+    pub(crate) fn held(&self, times_s: &[f64]) -> Vec<Option<f64>> {
+        let own = &self.clock.times_s;
+        let last = |time_s: &f64| {
+            self.values[own.partition_point(|sample_s| *sample_s <= time_s + ROUNDING_S).checked_sub(1)?]
+        };
+        times_s.iter().map(last).collect()
+    }
+
     /// Values at increasing times, interpolated linearly between known ones.
     pub(crate) fn at(&self, times_s: &[f64]) -> Vec<Option<f64>> {
+        self.within(times_s, f64::INFINITY)
+    }
+
+    /// As [`Self::at`], without values where the samples around the time are more than `longest_gap_s` apart.
+    pub(crate) fn within(&self, times_s: &[f64], longest_gap_s: f64) -> Vec<Option<f64>> {
         let own = &self.clock.times_s;
         let mut next = 0;
         let interpolate = |time_s: &f64| {
@@ -205,7 +222,10 @@ impl Series {
                 return self.values[next];
             }
             let (from, to) = (next.checked_sub(1)?, next);
-            let (first, second) = (self.values[from]?, (*self.values.get(to)?)?);
+            if *own.get(to)? - own[from] > longest_gap_s {
+                return None;
+            }
+            let (first, second) = (self.values[from]?, self.values[to]?);
             Some(first + (second - first) * (time_s - own[from]) / (own[to] - own[from]))
         };
         times_s.iter().map(interpolate).collect()
@@ -386,6 +406,16 @@ mod tests {
         let series = series(&[0.0, 1.0, 2.0, 3.0], &[Some(1.0), Some(3.0), None, Some(7.0)]);
         let found = series.at(&[0.0, 0.25, 1.0, 1.5, 3.0, 3.5]);
         assert_eq!(found, [Some(1.0), Some(1.5), Some(3.0), None, Some(7.0), None]);
+    }
+
+    #[test]
+    fn verif_flags_are_held_and_long_gaps_have_no_values() {
+        let series = series(&[1.0, 2.0, 5.0, 6.0], &[Some(0.0), Some(1.0), Some(0.0), None]);
+        let times_s = [0.5, 1.0, 1.9, 2.0, 4.9, 5.0, 5.5, 6.0, 7.0];
+        let (free, touches) = (Some(0.0), Some(1.0));
+        assert_eq!(series.held(&times_s), [None, free, free, touches, touches, free, free, None, None]);
+        assert_eq!(series.within(&[1.5, 2.0, 3.5, 5.0], 2.0), [Some(0.5), touches, None, free]);
+        assert_eq!(series.within(&[3.5], 3.0), [Some(0.5)]);
     }
 
     #[test]

@@ -22,6 +22,9 @@ const PUSHES_SHARE: f64 = 0.2;
 /// Ratio of the threshold to the strongest shake.
 const ABOVE_SHAKES: f64 = 1.5;
 
+/// Option that states the edge of the low-pass.
+pub(super) const CUTOFF: &str = "--cutoff-hz";
+
 /// Settings of the detection of presses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -49,6 +52,9 @@ impl Settings {
             }
             Err(Error::Setting { key, found, expected: format!("{low} to {high}") })
         };
+        if !(self.cutoff_hz > 0.0 && self.cutoff_hz.is_finite()) {
+            return Err(Error::Setting { key: CUTOFF, found: self.cutoff_hz, expected: "a frequency above 0".into() });
+        }
         within("order", self.order as f64, 1.0, MOST_ORDER as f64)?;
         within("noise_sds", self.noise_sds, 1.0, 1e3)?;
         within("quiet_s", self.quiet_s, 1e-3, 10.0)
@@ -119,6 +125,11 @@ fn common_rate_hz(logs: &[(&str, &[Sample])], cutoff_hz: f64) -> Result<f64, Err
             intervals.step(sample.t_s);
         }
         if let Some(interval_s) = intervals.mean_s().filter(|interval_s| *interval_s > expected_s) {
+            // A rate that suffices for the default is not due to another unit of the times.
+            if cutoff_hz > Settings::default().cutoff_hz && interval_s <= 0.5 / Settings::default().cutoff_hz {
+                let expected = format!("below {:.1}, half the sampling rate of {name}", 0.5 / interval_s);
+                return Err(Error::Setting { key: CUTOFF, found: cutoff_hz, expected });
+            }
             // Magnetometers have rates about 800 Hz.
             return Err(Error::Slow { log: (*name).into(), interval_s, expected_s, hint: hint(800.0 * interval_s) });
         }

@@ -114,7 +114,8 @@ impl Geometry for Plane {
         let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
         let mechanics = Mechanics::new(path, &laboratory.whisker)?;
         let largest = sampled.iter().map(Sampled::largest).fold(0.0, f64::max);
-        let conversion = match Conversion::stated(path, mapped, largest)? {
+        let extremes = [f64::min, f64::max].map(|of| sampled.iter().flat_map(Sampled::extremes).fold(0.0, of));
+        let conversion = match Conversion::stated(path, mapped, largest, extremes)? {
             Some(stated) => stated,
             None => {
                 let calibration = sampled.iter().filter(|recording| recording.entry.role == Role::Calibration);
@@ -131,7 +132,8 @@ impl Geometry for Plane {
                 Conversion::fitted(path, mapped, &Known { recordings, contacts: known, pairs }, touch)?
             }
         };
-        Ok((Sensor { mechanics, touch, conversion }, None))
+        let remark = conversion.remark.clone();
+        Ok((Sensor { mechanics, touch, conversion }, remark))
     }
 
     fn add_trace(

@@ -8,13 +8,16 @@ use files::{FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 
 use super::table::{self, is_header};
-use super::{Labels, LogReader};
+use super::{Labels, LogReader, MARK, expected_distance};
 use crate::Sample;
 use crate::calibration::cross_validation::SAME_PLACE_M;
 use crate::calibration::regression::{Fit, RegressionRow};
 use crate::calibration::{Chain, Error, Features, LabelledPress, Presses, Settings, learn, published};
 
 const MANIFEST_KIND: &str = "platform_logs";
+
+/// Note on a file whose last line has no line end.
+const CUT_OFF: &str = "skipped the incomplete last line";
 
 /// A log, and its distance if it has only one.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,11 +79,12 @@ impl Source {
             return Err(files::Error::value(path, "kind", &manifest.kind, MANIFEST_KIND));
         }
         let folder = path.parent().unwrap_or(Path::new(""));
-        let source = |(i, log): (usize, ManifestLog)| match log.distance_m {
-            Some(distance_m) if distance_m <= 0.0 => {
-                Err(files::Error::value(path, format!("logs.{i}.distance_m"), distance_m, "a distance above zero"))
+        let source = |(i, log): (usize, ManifestLog)| match log.distance_m.and_then(expected_distance) {
+            Some(expected) => {
+                let found = log.distance_m.unwrap_or_default();
+                Err(files::Error::value(path, format!("logs.{i}.distance_m"), found, expected))
             }
-            distance_m => Ok(Self { path: folder.join(log.file), distance_m }),
+            None => Ok(Self { path: folder.join(log.file), distance_m: log.distance_m }),
         };
         manifest.logs.into_iter().enumerate().map(source).collect()
     }
@@ -116,6 +120,9 @@ pub fn gather(
                 return Err(files::Error::value(&source.path, "label", found, expected).into());
             }
             let table = table::read(&source.path, &text, table_rate_hz)?;
+            if table.is_cut_off {
+                gathered.notes.push(format!("{name}: {CUT_OFF}"));
+            }
             if !table.unlabelled.is_empty() {
                 gathered.notes.push(format!("{name}: skipped lines without a distance: {:?}", table.unlabelled));
             }
@@ -126,15 +133,18 @@ pub fn gather(
         let mut reader = LogReader::open(&source.path)?;
         let samples = reader.by_ref().collect::<Result<Vec<_>, _>>()?;
         if reader.cut_off() {
-            gathered.notes.push(format!("{name}: skipped the incomplete last line"));
+            gathered.notes.push(format!("{name}: {CUT_OFF}"));
         }
         check_new(&source.path, recordings.iter().find(|log| log.samples == samples).map(|log| &log.name))?;
         let labels = match source.distance_m {
             Some(distance_m) => {
+                if let Some(expected) = expected_distance(distance_m) {
+                    return Err(files::Error::value(&source.path, "label", format!("{distance_m} m"), expected).into());
+                }
                 check_label(&source.path, distance_m)?;
                 Labels::whole(distance_m)
             }
-            None => Labels::read(&source.path.with_extension("json"))?,
+            None => labels_of_sidecar(&source.path)?,
         };
         recordings.push(Recording { name, samples, labels });
     }
@@ -180,6 +190,16 @@ fn check_new(path: &Path, same: Option<&String>) -> Result<(), files::Error> {
     Err(files::Error::value(path, "log", format!("the same content as {same}"), "each log once"))
 }
 
+/// Labels in the sidecar of a log.
+fn labels_of_sidecar(path: &Path) -> Result<Labels, files::Error> {
+    let sidecar = path.with_extension("json");
+    if sidecar.exists() {
+        return Labels::read(&sidecar);
+    }
+    let expected = format!("{}; write it, or give `--label MM=FILE`", sidecar.display());
+    Err(files::Error::value(path, "label", "no sidecar with the distances", expected))
+}
+
 /// Checks that the sidecar of a log, if it has one, states no other distance than the label.
 fn check_label(path: &Path, distance_m: f64) -> Result<(), files::Error> {
     let sidecar = path.with_extension("json");
@@ -193,12 +213,13 @@ fn check_label(path: &Path, distance_m: f64) -> Result<(), files::Error> {
     Err(files::Error::value(path, "label", found, expected))
 }
 
-/// Text of a table of presses. `None` if the file is no such table.
+/// Text of a table of presses, without a byte order mark. `None` if the file is no such table.
 fn table_text(path: &Path) -> Result<Option<String>, files::Error> {
     let io = |reason| files::Error::Io { path: path.into(), reason };
     let mut start = Vec::new();
     fs::File::open(path).map_err(io)?.take(1024).read_to_end(&mut start).map_err(io)?;
     let first = String::from_utf8_lossy(&start);
-    let is_table = first.lines().next().is_some_and(is_header);
-    is_table.then(|| fs::read_to_string(path)).transpose().map_err(io)
+    let is_table = first.trim_start_matches(MARK).lines().next().is_some_and(is_header);
+    let text = is_table.then(|| fs::read_to_string(path)).transpose().map_err(io)?;
+    Ok(text.map(|text| text.trim_start_matches(MARK).into()))
 }

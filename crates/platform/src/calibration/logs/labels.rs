@@ -5,6 +5,7 @@ use std::path::Path;
 use files::{Error, FORMAT, read_json};
 use serde::{Deserialize, Serialize};
 
+use super::expected_distance;
 use crate::record::LOG_KIND;
 
 /// Distance of all presses with their onset in a time span.
@@ -65,9 +66,9 @@ impl Labels {
                 let expected = format!("more than {}", span.start_s);
                 return Err(Error::value(path, format!("contacts.{i}.end_s"), span.end_s, expected));
             }
-            if span.distance_m <= 0.0 {
+            if let Some(expected) = expected_distance(span.distance_m) {
                 let key = format!("contacts.{i}.distance_m");
-                return Err(Error::value(path, key, span.distance_m, "a distance above zero"));
+                return Err(Error::value(path, key, span.distance_m, expected));
             }
             last_s = span.end_s;
         }

@@ -17,6 +17,20 @@ pub use reader::LogReader;
 
 use crate::Sample;
 
+/// Largest distance of a press from the whisker's root (m). A larger one has another unit.
+const FARTHEST_M: f64 = 1.0;
+
+/// Byte order mark of UTF-8, which editors on Windows write at the beginning of a file.
+const MARK: char = '\u{feff}';
+
+/// Values expected in place of a distance (m) of a press. `None` if the distance is plausible.
+fn expected_distance(distance_m: f64) -> Option<String> {
+    if distance_m > FARTHEST_M {
+        return Some(format!("at most {FARTHEST_M} m; compare the unit"));
+    }
+    (!(distance_m > 0.0)).then(|| "a distance above zero".into())
+}
+
 /// Parser of the fields of a line.
 pub type Parse = fn(&[&str]) -> Result<Sample, (usize, &'static str)>;
 

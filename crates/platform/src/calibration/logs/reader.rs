@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use files::Error;
 use flate2::bufread::MultiGzDecoder;
 
-use super::{LAYOUTS, Layout};
+use super::{LAYOUTS, Layout, MARK};
 use crate::Sample;
 
 /// Longest line in bytes.
@@ -79,6 +79,7 @@ impl LogReader {
             return Ok(None);
         }
         let text = String::from_utf8_lossy(&bytes);
+        let text = if self.line == 1 { text.trim_start_matches(MARK) } else { &text };
         Ok(Some(text.trim_end_matches('\r').to_owned()))
     }
 
@@ -181,6 +182,14 @@ mod tests {
             let mut reader = LogReader::new(Path::new("log"), io::Cursor::new(text));
             assert_eq!(reader.by_ref().count(), 1);
             assert!(reader.cut_off());
+        }
+    }
+
+    #[test]
+    fn robust_a_byte_order_mark_is_skipped() {
+        for header in ["", "t_s,x_counts,y_counts,z_counts\r\n"] {
+            let log = read(&format!("\u{feff}{header}0.5,1,2,3\n")).unwrap();
+            assert_eq!(log, [Sample { t_s: 0.5, counts: [1, 2, 3] }]);
         }
     }
 

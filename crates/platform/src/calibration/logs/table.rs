@@ -4,6 +4,7 @@ use std::path::Path;
 
 use files::Error;
 
+use super::expected_distance;
 use crate::calibration::{Features, LabelledPress};
 
 /// Names of distance columns, and their unit in metres.
@@ -18,6 +19,8 @@ pub(super) struct Table {
     pub(super) presses: Vec<LabelledPress>,
     /// Numbers, from 1, of the lines without a distance.
     pub(super) unlabelled: Vec<usize>,
+    /// Whether the last line has no line end, and is skipped: a number may lack digits.
+    pub(super) is_cut_off: bool,
 }
 
 /// Whether a first line is the header of a table of presses.
@@ -27,9 +30,10 @@ pub(super) fn is_header(line: &str) -> bool {
 }
 
 /// Reads a table whose header [`is_header`]. The sign of a slope, the direction of the press, is ignored. An empty or
-/// `NaN` distance is unknown.
+/// `NaN` distance is unknown. A header without a line end is complete.
 pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error> {
-    let mut lines = text.lines();
+    let complete = &text[..text.rfind('\n').map_or(text.len(), |end| end + 1)];
+    let mut lines = complete.lines();
     let columns: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
     let place = |name: &str| columns.iter().position(|column| *column == name);
     let of_distance = DISTANCES.iter().find_map(|&(name, metres)| Some((place(name)?, metres)));
@@ -38,7 +42,7 @@ pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error
         let expected = "a column of distances and a column of slopes";
         return Err(Error::value(path, "header", columns.join(","), expected));
     };
-    let mut table = Table { presses: Vec::new(), unlabelled: Vec::new() };
+    let mut table = Table { presses: Vec::new(), unlabelled: Vec::new(), is_cut_off: complete.len() < text.len() };
     for (i, line) in lines.enumerate() {
         let wrong = |place: String, found: String, expected: String| Error::Table {
             path: path.into(),
@@ -74,9 +78,9 @@ pub(super) fn read(path: &Path, text: &str, rate_hz: f64) -> Result<Table, Error
             table.unlabelled.push(i + 2);
             continue;
         }
-        if !(distance > 0.0 && distance.is_finite()) {
+        if let Some(expected) = expected_distance(metres * distance) {
             let found = format!("`{}`", fields[distance_at]);
-            return Err(wrong(format!("column {}", columns[distance_at]), found, "a distance above zero".into()));
+            return Err(wrong(format!("column {}", columns[distance_at]), found, expected));
         }
         let slope_counts_per_s = if by_sample { slope * rate_hz } else { slope };
         table.presses.push(LabelledPress {

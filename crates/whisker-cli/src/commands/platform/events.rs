@@ -8,7 +8,7 @@ use platform::printer::Head;
 use platform::record::{Ending, Sink};
 use platform::routine::Contact;
 use platform::{Error, Sample};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::commands::table::millimetres;
 use crate::commands::{diagnose, print};
@@ -46,13 +46,7 @@ impl Events {
                 let (distance_m, interval_m) = (estimate.map(|e| e.distance_m), estimate.and_then(|e| e.interval_m));
                 self.last = Some((*onset_s, distance_m));
                 match self.form {
-                    Form::Json => print(&format!(
-                        "{}\n",
-                        json!({
-                            "t_s": t_s, "event": "pressed", "onset_s": onset_s, "distance_m": distance_m,
-                            "interval_m": interval_m, "features": features,
-                        })
-                    )),
+                    Form::Json => print(&format!("{}\n", pressed(press, distance_m, interval_m))),
                     Form::Csv => {
                         let cell = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.6}"));
                         let [distance, low, high] =
@@ -95,6 +89,17 @@ impl Events {
     }
 }
 
+/// Event of a press. The interval is absent if it is not known.
+fn pressed(press: &Press, distance_m: Option<f64>, interval_m: Option<[f64; 2]>) -> Value {
+    let Press { t_s, onset_s, features, .. } = press;
+    let mut event = json!({"t_s": t_s, "event": "pressed", "onset_s": onset_s, "distance_m": distance_m});
+    if let Some(interval_m) = interval_m {
+        event["interval_m"] = json!(interval_m);
+    }
+    event["features"] = json!(features);
+    event
+}
+
 impl Sink for Events {
     fn samples(&mut self, _: &[Sample]) -> Result<(), Error> {
         Ok(())
@@ -115,5 +120,22 @@ impl Sink for Events {
     fn finish(self: Box<Self>, _: Ending) -> Result<Vec<PathBuf>, Error> {
         diagnose(&self.summary());
         Ok(Vec::new())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use platform::calibration::Features;
+
+    use super::*;
+
+    #[test]
+    fn verif_an_unknown_interval_is_absent() {
+        let press = Press { onset_s: 1.0, t_s: 1.5, direction: 1.0, features: Features::of_slope(9.0) };
+        let keys = |interval_m| {
+            pressed(&press, Some(0.1), interval_m).as_object().unwrap().keys().cloned().collect::<Vec<_>>()
+        };
+        assert_eq!(keys(None), ["t_s", "event", "onset_s", "distance_m", "features"]);
+        assert_eq!(keys(Some([0.09, 0.11])), ["t_s", "event", "onset_s", "distance_m", "interval_m", "features"]);
     }
 }
