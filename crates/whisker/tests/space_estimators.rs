@@ -724,7 +724,7 @@ fn lightly_held_to_base(row: u32) -> Pose<World, Base> {
     if row < TOUCH_ROWS {
         return pressed_to_base(row);
     }
-    Pose::<Base, World>::new(Vector3::new(0.0, 0.05e-3, 0.0), Rotation3::identity()).inverse()
+    Pose::<Base, World>::new(Vector3::new(0.0, 0.3e-3, 0.0), Rotation3::identity()).inverse()
 }
 
 #[test]

@@ -109,14 +109,15 @@ pub fn read_rows<T: DeserializeOwned>(path: &Path) -> anyhow::Result<Vec<T>> {
 /// Checks that the columns of a table are the fields of `T`.
 fn check_columns<T: DeserializeOwned>(path: &Path) -> anyhow::Result<()> {
     let (found, expected) = (ReaderBuilder::new().from_path(path)?.headers()?.clone(), columns::<T>());
-    let shown =
-        |names: Vec<&str>| if names.is_empty() { "no columns".into() } else { format!("`{}`", names.join(",")) };
+    let named = |names: Vec<&str>| {
+        if names.is_empty() { "no columns".into() } else { format!("`{}`", shown(&names.join(","))) }
+    };
     ensure!(
         found.iter().eq(expected.iter().copied()),
         "{}:1: found {}, expected {}",
         path.display(),
-        shown(found.iter().collect()),
-        shown(expected.to_vec())
+        named(found.iter().collect()),
+        named(expected.to_vec())
     );
     Ok(())
 }

@@ -149,7 +149,7 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     before_s: f64,
     /// Whether the object of earlier touches is touched again.
     earlier: Earlier,
-    /// Odds that the whisker touches the object although no contact is detected.
+    /// Odds that the whisker touches the object although no contact is detected; those at the last sample before the touch.
     regained: Regained,
     /// Whether the recent innovations contradict all modes.
     slipped: Doubtful,
@@ -227,13 +227,10 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
 
     /// Begins a touch of a known object: its contact is sought from the place of the last one, unless it was expected.
     fn approach(&mut self) {
-        if self.regained.is_there() {
-            (self.earlier, self.slipped) = (Earlier::Confirmed, Doubtful::default());
-        } else {
+        if !self.regained.is_there() {
             self.calm();
         }
         self.carry();
-        self.regained = Regained::default();
     }
 
     /// Carries the contacts of the modes to the present pose of the base, as if they were at rest.
@@ -488,7 +485,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
             }
             _ => self.search(sample.dt_s),
         }
-        let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed);
+        // The readings may still show that it is another object.
+        let estimate = estimate.filter(|_| self.earlier != Earlier::Unconfirmed || self.regained.is_there());
         self.contradicted_s = self.contradicted_s.map(|duration_s| duration_s + sample.dt_s);
         let model_doubtful = Some(self.is_contradicted());
         let estimate = estimate.map(|estimate| Estimate { model_doubtful, ..estimate });
@@ -525,6 +523,7 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Tracker for Fitter<Model, N> {
             (self.round, self.joining) = (None, None);
             (self.slipped, self.lost_s) = (Doubtful::starting_at(UNCONFIRMED_NIS), 0.0);
             (self.is_first, self.earlier) = (true, Earlier::Unconfirmed);
+            self.regained = Regained::default();
             self.calm();
         }
         self.accelerate(sample);
