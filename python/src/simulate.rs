@@ -24,12 +24,13 @@ use crate::whisker::Whisker;
 /// Number of points of a simulated object's outline.
 const OUTLINE_POINTS: u32 = 2880;
 
-/// Number of directions in which the distance of a point from an object is measured, and of points of the undeflected whisker.
+/// Number of directions in which the distance of a point from an object is measured, and distance between the points of the
+/// undeflected whisker.
 const DIRECTIONS: u32 = 720;
-const REST_POINTS: u32 = 400;
+const SPACING_M: f64 = 0.2e-3;
 
 /// Overlap of the undeflected whisker and the object beyond which they touch, and distance beyond which they do not. The distance is
-/// computed from points of the whisker's centre line, and is too large by less than this.
+/// computed from points of the undeflected whisker, and is too large by less than this.
 const CLEARANCE_M: f64 = 0.2e-3;
 
 /// Simulates a sweep of a whisker against an object, quasi-statically, without friction and without measurement noise.
@@ -111,15 +112,20 @@ fn touch(
     }
 }
 
-/// Points of the undeflected whisker.
-fn rest(elastica: &Elastica) -> Result<Vec<Point<Base>>, ::whisker::elastica::Failure> {
+/// Points of the undeflected whisker's centre line, with the radius of the wire.
+fn rest(elastica: &Elastica) -> Result<Vec<(Point<Base>, f64)>, ::whisker::elastica::Failure> {
     let length_m = elastica.length_m();
     let line = elastica.line(Load { arc_m: length_m, along_n: 0.0, left_n: 0.0, couple_n_m: 0.0 })?;
-    Ok((0..=REST_POINTS).map(|i| line.at(length_m * f64::from(i) / f64::from(REST_POINTS)).0).collect())
+    let intervals = (length_m / SPACING_M).ceil() as u32;
+    let point = |i: u32| {
+        let arc_m = length_m * f64::from(i) / f64::from(intervals);
+        (line.at(arc_m).0, elastica.radius_m(arc_m))
+    };
+    Ok((0..=intervals).map(point).collect())
 }
 
-/// Least distance of the undeflected whisker's centre line from a convex object, negative within it.
-fn clearance_m(rest: &[Point<Base>], shape: &Shape, base: &Pose<Base, World>) -> f64 {
+/// Least distance of the undeflected whisker's surface from a convex object, negative within it.
+fn clearance_m(rest: &[(Point<Base>, f64)], shape: &Shape, base: &Pose<Base, World>) -> f64 {
     let sides: Vec<(Vector2<f64>, f64)> = (0..DIRECTIONS)
         .map(|i| {
             let normal_rad = TAU * f64::from(i) / f64::from(DIRECTIONS);
@@ -127,9 +133,9 @@ fn clearance_m(rest: &[Point<Base>], shape: &Shape, base: &Pose<Base, World>) ->
             (normal, shape.outline.support(normal_rad).point.vector().dot(&normal))
         })
         .collect();
-    let beyond_m = |point: &Point<Base>| {
+    let beyond_m = |(point, radius_m): &(Point<Base>, f64)| {
         let at = base.apply(*point).vector();
-        sides.iter().map(|(normal, reach_m)| at.dot(normal) - reach_m).fold(f64::NEG_INFINITY, f64::max)
+        sides.iter().map(|(normal, reach_m)| at.dot(normal) - reach_m).fold(f64::NEG_INFINITY, f64::max) - radius_m
     };
     rest.iter().map(beyond_m).fold(f64::INFINITY, f64::min)
 }

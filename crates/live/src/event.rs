@@ -56,7 +56,7 @@ pub enum Event {
     },
     /// The readings stay the same although the touched whisker moves; there are no estimates until [`Self::Thawed`].
     Frozen {
-        /// Time of the reading with which they are found to.
+        /// Time of the reading at which this is found.
         t_s: f64,
         /// Time of the first equal reading.
         first_s: f64,

@@ -1,7 +1,7 @@
 //! Readings that stay the same while a touched whisker moves, as of a sensor, a bus or a driver that has stopped.
 //!
 //! The noise of a fine sensor makes consecutive readings differ; equal ones are improbable. A coarse sensor, or a driver that repeats
-//! its values, has equal readings at all times. Which of both it is follows from the stream: from the smallest change between
+//! its values, has equal readings at all times. Which of the two applies follows from the stream: from the smallest change between
 //! consecutive readings, which is the resolution or less, and from the share of equal ones.
 
 use nalgebra::{Vector2, Vector3};

@@ -39,7 +39,7 @@ pub trait Kind: Send {
     /// Appends the estimates that are still held, at the end of the stream.
     fn end(&mut self, estimates: &mut Vec<Option<Self::Estimate>>);
 
-    /// Takes the rest reading of the estimator before a restart.
+    /// Takes over the rest reading of `earlier`, the estimator before the restart.
     fn keep_rest_reading(&mut self, earlier: &Self);
 
     /// Whether estimates of the present contact are held, because they may be revised.

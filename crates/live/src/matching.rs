@@ -55,7 +55,7 @@ pub(crate) struct Matching<M, R> {
 impl<M: Motion, R: Copy> Matching<M, R> {
     pub(crate) fn new(timing: Timing, rate_hz: f64, motion: M) -> Self {
         let (waiting, recent) = (VecDeque::new(), VecDeque::new());
-        let (readings, lag_s, most_lag_s) = (Clock::default(), 0.0, f64::INFINITY);
+        let (readings, lag_s, most_lag_s) = (Clock::default(), f64::NEG_INFINITY, f64::INFINITY);
         Self { timing, rate_hz, readings, waiting, motion, recent, lag_s, most_lag_s }
     }
 
@@ -64,7 +64,10 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         self.motion.restart();
         self.readings = Clock::default();
         self.recent.clear();
-        self.most_lag_s = self.lag_s + self.jump_s();
+        // Without a reading that was used, the delay of the readings is not known.
+        if self.lag_s.is_finite() {
+            self.most_lag_s = self.lag_s.max(0.0) + self.jump_s();
+        }
         std::mem::take(&mut self.waiting)
     }
 

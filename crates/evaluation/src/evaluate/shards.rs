@@ -13,7 +13,7 @@ use super::tables::OverTime;
 
 /// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
-/// File beside the shards that states that shares wrote them.
+/// File beside the shards that marks them as written by shares.
 const SHARED: &str = "shared";
 
 /// Results of an item: one entry per trial and seed, in the order of the scene's traces, then of the seeds.

@@ -261,8 +261,8 @@ impl Elastica {
         Some((Deflection { point, tangent_rad, moment_n_m, rotation_rad, tip }, rates))
     }
 
-    /// Radius of the wire. Its surface is continued straight beyond the tip.
-    fn radius_m(&self, arc_m: f64) -> f64 {
+    /// Radius of the wire (m). Its surface is continued straight beyond the tip.
+    pub fn radius_m(&self, arc_m: f64) -> f64 {
         0.5 * self.root_diameter_m + self.radius_slope() * arc_m
     }
 

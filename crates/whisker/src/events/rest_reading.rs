@@ -84,10 +84,10 @@ impl RestReading {
         }
     }
 
-    /// Takes the rest reading of a sensor that is determined, or was given up.
-    pub(super) fn keep(&mut self, determined: &Self) {
-        if matches!(determined.state, State::Done { .. }) {
-            self.state = determined.state.clone();
+    /// Takes over the rest reading of `earlier` if it has been determined or given up.
+    pub(super) fn keep(&mut self, earlier: &Self) {
+        if matches!(earlier.state, State::Done { .. }) {
+            self.state = earlier.state.clone();
         }
     }
 

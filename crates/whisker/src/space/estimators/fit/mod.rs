@@ -143,7 +143,7 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     lost_s: f64,
     /// Whether the next reading is the first of a touch, or of a fit that begins anew.
     is_first: bool,
-    /// Pose of the base at the last contact, while the whisker is free.
+    /// Pose of the base to which the contacts of the modes were carried last, while the whisker is free.
     released: Pose<Base, Start>,
     /// Time of contact before this touch.
     before_s: f64,
@@ -225,7 +225,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.base.inverse().then(&Pose::identity())
     }
 
-    /// Begins a touch of a known object: its contact is sought from the place of the last one, unless it was expected.
+    /// Begins a touch of a known object: its contact is sought from that of the last sample. The motions of the wire go on only if the
+    /// contact was expected.
     fn approach(&mut self) {
         if !self.regained.is_there() {
             self.calm();
