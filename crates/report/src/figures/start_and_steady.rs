@@ -129,7 +129,8 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
         } else if strip.missing > 0 {
             let trials = strip.errors_mm.len() + strip.missing;
             let text = format!("{} of {trials} without a score", strip.missing);
-            canvas.text(&text, (split[0].right - 4.0, y + 11.0), SMALL.aligned(Align::Right))?;
+            // Where most are missing, the errors of the others are large.
+            canvas.text(&text, (split[0].left + 6.0, y), SMALL.aligned(Align::Left))?;
         }
     }
     Ok(())
