@@ -28,7 +28,7 @@ fn expected_distance(distance_m: f64) -> Option<String> {
     if distance_m > FARTHEST_M {
         return Some(format!("at most {FARTHEST_M} m; compare the unit"));
     }
-    (!(distance_m > 0.0)).then(|| "a distance above zero".into())
+    (distance_m <= 0.0 || distance_m.is_nan()).then(|| "a distance above zero".into())
 }
 
 /// Parser of the fields of a line.
