@@ -364,8 +364,8 @@ fn verif_the_import_in_the_plane_states_its_misfit() {
     };
     let good = remark(Laboratory::new());
     assert!(good.starts_with("the readings of the calibration deviate by 0.") && !good.contains("expected"), "{good}");
-    // Of a pin that is wrong by 8 mm along the whisker.
-    let moved = |mapping: &mut Value| mapping["contact"]["y"]["value"] = json!(129);
+    // Of a base that is wrong by 20 mm across the whisker.
+    let moved = |mapping: &mut Value| mapping["base"]["y"]["value"] = json!(-30);
     let wrong = remark(Laboratory::new().mapped(moved));
     assert!(wrong.contains("expected at most 5 %") && wrong.contains("compare `whisker`"), "{wrong}");
     let stated = |mapping: &mut Value| mapping["reading"]["characteristic"] = json!([-3e7, 0, 0]);

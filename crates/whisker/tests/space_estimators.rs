@@ -724,7 +724,7 @@ fn lightly_held_to_base(row: u32) -> Pose<World, Base> {
     if row < TOUCH_ROWS {
         return pressed_to_base(row);
     }
-    Pose::<Base, World>::new(Vector3::new(0.0, 0.3e-3, 0.0), Rotation3::identity()).inverse()
+    Pose::<Base, World>::new(Vector3::new(0.0, 0.19e-3, 0.0), Rotation3::identity()).inverse()
 }
 
 #[test]
@@ -751,7 +751,7 @@ fn verif_a_contact_with_a_known_object_is_stated_where_it_is_not_detected() {
         for (estimate, truth, row) in &found {
             let error = error(estimate, truth);
             let squared = error.dot(&(estimate.covariance_m2.try_inverse().unwrap() * error));
-            assert!(error.norm() < 1e-3 && squared < 16.0, "{name}, {row}: {error} {squared}");
+            assert!(error.norm() < 2e-3 && squared < 16.0, "{name}, {row}: {error} {squared}");
         }
         assert_eq!(held(name, false).len(), 0, "{name}");
     }
