@@ -129,8 +129,14 @@ fn paint_panel(canvas: &Canvas, frame: Rect, title: &str, axis: Axis, strips: &[
         } else if strip.missing > 0 {
             let trials = strip.errors_mm.len() + strip.missing;
             let text = format!("{} of {trials} without a score", strip.missing);
-            // Where most are missing, the errors of the others are large.
-            canvas.text(&text, (split[0].left + 6.0, y), SMALL.aligned(Align::Left))?;
+            // On the side with fewer errors.
+            let middle_x = 0.5 * (split[0].left + split[0].right);
+            let left = strip.errors_mm.iter().filter(|error| panel.at((**error, row)).0 < middle_x).count();
+            let (x, align) = match 2 * left > strip.errors_mm.len() {
+                true => (split[0].right - 6.0, Align::Right),
+                false => (split[0].left + 6.0, Align::Left),
+            };
+            canvas.text(&text, (x, y), SMALL.aligned(align))?;
         }
     }
     Ok(())
