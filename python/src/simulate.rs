@@ -57,13 +57,13 @@ pub(crate) fn simulate(
     let (rate_hz, face) = (rate_hz(&times_s)?, face_of(face)?);
     let bases: Vec<Pose<Base, World>> = poses.iter().map(|&[x_m, y_m, yaw_rad]| Pose::new(x_m, y_m, yaw_rad)).collect();
     let elastica = whisker.elastica()?;
-    let rest = rest(&elastica).map_err(raised)?;
+    let (rest, sides) = (rest(&elastica).map_err(raised)?, sides(shape));
     let mut touches: Vec<Option<Touch>> = Vec::with_capacity(bases.len());
     interrupt::each(py, bases.len(), |row| {
         let (base, last) = (&bases[row], touches.last().copied().flatten());
         let found = touch(&elastica, shape, base, face, last).with_context(|| format!("base[{row}]"))?;
         if last.is_none() {
-            let overlap_m = -clearance_m(&rest, shape, base);
+            let overlap_m = -clearance_m(&rest, &sides, base);
             ensure!(
                 found.is_some() || overlap_m < CLEARANCE_M,
                 "base[{row}]: found the undeflected whisker in the object by {:.1} mm and no contact on its {} side, expected a \
@@ -124,15 +124,18 @@ fn rest(elastica: &Elastica) -> Result<Vec<(Point<Base>, f64)>, ::whisker::elast
     Ok((0..=intervals).map(point).collect())
 }
 
-/// Least distance of the undeflected whisker's surface from a convex object, negative within it.
-fn clearance_m(rest: &[(Point<Base>, f64)], shape: &Shape, base: &Pose<Base, World>) -> f64 {
-    let sides: Vec<(Vector2<f64>, f64)> = (0..DIRECTIONS)
-        .map(|i| {
-            let normal_rad = TAU * f64::from(i) / f64::from(DIRECTIONS);
-            let normal = Vector2::new(normal_rad.cos(), normal_rad.sin());
-            (normal, shape.outline.support(normal_rad).point.vector().dot(&normal))
-        })
-        .collect();
+/// Outward normals of an object's sides in [`DIRECTIONS`], with the distances of the sides from the origin of World.
+fn sides(shape: &Shape) -> Vec<(Vector2<f64>, f64)> {
+    let side = |i: u32| {
+        let normal_rad = TAU * f64::from(i) / f64::from(DIRECTIONS);
+        let normal = Vector2::new(normal_rad.cos(), normal_rad.sin());
+        (normal, shape.outline.support(normal_rad).point.vector().dot(&normal))
+    };
+    (0..DIRECTIONS).map(side).collect()
+}
+
+/// Least distance of the undeflected whisker's surface from a convex object with these sides, negative within it.
+fn clearance_m(rest: &[(Point<Base>, f64)], sides: &[(Vector2<f64>, f64)], base: &Pose<Base, World>) -> f64 {
     let beyond_m = |(point, radius_m): &(Point<Base>, f64)| {
         let at = base.apply(*point).vector();
         sides.iter().map(|(normal, reach_m)| at.dot(normal) - reach_m).fold(f64::NEG_INFINITY, f64::max) - radius_m
