@@ -367,6 +367,46 @@ fn regress_a_program_that_failed_or_imports_a_changed_file_is_evaluated_again() 
 }
 
 #[test]
+fn regress_shares_of_a_program_that_imports_a_changed_file_are_computed_again_with_force() {
+    let bench = Bench::new();
+    bench.good(FIT);
+    fs::write(bench.path("program.sh"), ". ./imported.sh\n").unwrap();
+    let evaluate = |name: &str, options: &[&str]| {
+        let mut command = bench.command(&format!("evaluate datasets/mine --estimators ekf --seeds 2 --name {name}"));
+        let output = command.args(["--exec", "sh program.sh"]).args(options).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let starts = |bench: &Bench| fs::read_to_string(bench.path("starts")).unwrap_or_default().lines().count();
+    let version = |number: u32| {
+        // Without a trial, a program is started only to find out whether it can be.
+        let script = format!("read first || exit\necho {number} >> starts\nwhile read row; do echo null; done\n");
+        fs::write(bench.path("imported.sh"), script).unwrap();
+        let _ = fs::remove_file(bench.path("starts"));
+    };
+    let first = "1/2";
+    version(1);
+    // An interrupted evaluation in shares.
+    evaluate("run", &["--share", first]);
+    let once = starts(&bench);
+    assert!(once > 0);
+    version(2);
+    evaluate("run", &["--share", first]);
+    assert_eq!(starts(&bench), 0, "without --force the finished items are kept");
+    version(3);
+    evaluate("run", &["--share", first, "--force"]);
+    assert_eq!(starts(&bench), once, "with --force they are not");
+    evaluate("run", &["--share", "2/2", "--force"]);
+    version(4);
+    evaluate("run", &["--force"]);
+    assert_eq!(starts(&bench), 0, "the shares are merged");
+    // A finished run is not up to date.
+    version(5);
+    evaluate("run", &["--share", first, "--force"]);
+    assert_eq!(starts(&bench), once);
+}
+
+#[test]
 fn robust_a_finished_run_with_other_settings_is_kept() {
     let bench = Bench::new();
     bench.good(FIT);

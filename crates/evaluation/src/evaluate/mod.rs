@@ -45,7 +45,7 @@ use indicatif::ProgressBar;
 use testbed::dataset::Dataset;
 use testbed::metrics::Unscored;
 use testbed::results::files::{FAILURES, RUN, SUMMARY, TRIALS};
-use testbed::results::{FailureRow, SummaryRow, TrialHead, read_rows, read_scores};
+use testbed::results::{FailureRow, Run, SummaryRow, TrialHead, read_rows, read_scores};
 
 use merge::{Merged, merge};
 use part_folder::{PartFolder, restore, tidy};
@@ -81,11 +81,7 @@ pub fn evaluate(
     let run = prepared.run(settings)?;
     let (unscored, omitted, gated) = (prepared.unscored(), prepared.omitted.clone(), prepared.gated.clone());
     let remarks = prepared.remarks.clone();
-    // A run with an unreadable table is made anew.
-    if prepared.is_up_to_date(&folder, &run)
-        && let Ok((summary, failures)) = tables(&folder)
-        && (settings.programs.is_empty() || !settings.force && failures.iter().all(|row| row.estimator.is_none()))
-    {
+    if let Some((summary, failures)) = up_to_date(&prepared, settings, &folder, &run) {
         tidy(&folder)?;
         return Ok(Evaluated { folder, summary, is_new: false, failures, omitted, unscored, gated, remarks });
     }
@@ -95,8 +91,8 @@ pub fn evaluate(
 
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
-    // Finished items may be those of an earlier version of what a program imports.
-    if settings.force && !settings.programs.is_empty() && !shards.are_shared() {
+    // Those of shares are up to date, since each share discards its own.
+    if settings.renews_items() && !shards.are_shared() {
         Shards::remove(part.path())?;
     }
     Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() }
@@ -117,7 +113,8 @@ pub fn evaluate(
 }
 
 /// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.
-/// Several processes may run shares at the same time, on one machine or on several with a common file system.
+/// Several processes may run shares at the same time, on one machine or on several with a common file system. A share of
+/// programs that are to be evaluated in any case computes all its items again, and leaves those of the other shares.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -130,7 +127,7 @@ pub fn evaluate_share(
     let folder = settings.target()?;
     let prepared = Prepared::new(datasets, settings)?;
     let run = prepared.run(settings)?;
-    if prepared.is_up_to_date(&folder, &run) {
+    if up_to_date(&prepared, settings, &folder, &run).is_some() {
         return Ok(());
     }
     if !settings.force {
@@ -138,9 +135,29 @@ pub fn evaluate_share(
     }
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
+    if settings.renews_items() {
+        // Before the first share has left its mark, all items are those of an evaluation without shares.
+        let is_stale = |item: &usize| share.has(*item) || !shards.are_shared();
+        (0..plan.items.len()).filter(is_stale).try_for_each(|item| shards.remove_item(item))?;
+    }
     shards.mark_shared()?;
     let batch = Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() };
     batch.finish(Some(share), progress)
+}
+
+/// Summary and failures of a finished run, if it is up to date. One with an unreadable table is not.
+fn up_to_date(
+    prepared: &Prepared,
+    settings: &EvaluateSettings,
+    folder: &Path,
+    run: &Run,
+) -> Option<(Vec<SummaryRow>, Vec<FailureRow>)> {
+    if !prepared.is_up_to_date(folder, run) || settings.renews_items() {
+        return None;
+    }
+    let (summary, failures) = tables(folder).ok()?;
+    let is_program = |row: &FailureRow| row.estimator.is_some();
+    (settings.programs.is_empty() || !failures.iter().any(is_program)).then_some((summary, failures))
 }
 
 /// Summary and failures of a run, whose scores of the trials can be read too.

@@ -133,6 +133,11 @@ impl EvaluateSettings {
         Ok(participants)
     }
 
+    /// Whether finished items are computed again: they may be those of an earlier version of what a program imports.
+    pub(super) fn renews_items(&self) -> bool {
+        self.force && !self.programs.is_empty()
+    }
+
     /// Whether an estimator or program must run: it was named or has settings.
     pub(super) fn requires(&self, participant: &str) -> bool {
         self.estimators.is_some() || self.config.contains_key(participant)

@@ -1,7 +1,7 @@
 //! Results of finished items, each in a separate file until the run is merged.
 
 use std::fs;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -101,6 +101,18 @@ impl Shards {
     /// Whether shares wrote them.
     pub(super) fn are_shared(&self) -> bool {
         self.0.join(SHARED).is_file()
+    }
+
+    /// Removes the results of an item, if there are any.
+    ///
+    /// # Errors
+    /// If the file cannot be removed.
+    pub(super) fn remove_item(&self, item: usize) -> anyhow::Result<()> {
+        let path = self.path(item);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error).with_context(|| path.display().to_string()),
+            _ => Ok(()),
+        }
     }
 
     /// Removes all shards of a run.
