@@ -1,6 +1,7 @@
 //! Watermarks of calibrations and runs: they identify inputs and code.
 
 use files::Watermark;
+use serde_json::Value;
 use testbed::provenance::watermark;
 
 /// Watermark of a calibration: of its inputs and of the code that computes calibrations.
@@ -11,4 +12,10 @@ pub(crate) fn calibration_watermark<'a>(inputs: impl IntoIterator<Item = &'a str
 /// Watermark of a run: of its inputs and of the code that computes estimates and scores.
 pub(crate) fn evaluation_watermark<'a>(inputs: impl IntoIterator<Item = &'a str>) -> Watermark {
     watermark([env!("WHISKER_EVALUATION_SHA256")].into_iter().chain(inputs))
+}
+
+/// What the scores of a trace depend on, from the hash of its data and from its scene, which states friction, motion and
+/// yielding of the object.
+pub(crate) fn scored_inputs(data_sha256: &str, scene: &Value) -> String {
+    format!("{data_sha256}{scene}")
 }

@@ -13,7 +13,7 @@ use trace::Sidecar;
 use super::array_members;
 use super::prepared::{Prepared, TrialSpec};
 use super::settings::EvaluateSettings;
-use crate::provenance::evaluation_watermark;
+use crate::provenance::{evaluation_watermark, scored_inputs};
 
 impl Prepared {
     /// Contents of `run.json`.
@@ -42,8 +42,8 @@ impl Prepared {
         if !settings.noise_unit.is_default() {
             inputs.push(serde_json::to_string(&settings.noise_unit)?);
         }
-        // The scene states friction, motion and yielding of the object.
-        inputs.extend(self.trials.iter().map(|trial| trial.sidecar.data_sha256() + &trial.sidecar.scene.to_string()));
+        let sidecars = self.trials.iter().map(|trial| &trial.sidecar);
+        inputs.extend(sidecars.map(|sidecar| scored_inputs(&sidecar.data_sha256(), &sidecar.scene)));
         Ok(Run {
             format: files::FORMAT,
             kind: "run".into(),

@@ -30,7 +30,7 @@ use super::evaluate::{
 use super::participant::described;
 use crate::evaluate::part_folder::{PartFolder, restore, tidy};
 use crate::evaluate::previous::{check_same, difference, of_lists, seeds};
-use crate::provenance::evaluation_watermark;
+use crate::provenance::{evaluation_watermark, scored_inputs};
 use crate::remarks::TrialRemarks;
 
 /// Description of the run that a dataset and settings determine, and the calibrations that it reads.
@@ -64,7 +64,7 @@ fn described_run(dataset: &Dataset, settings: &SpatialEvaluateSettings) -> anyho
     for path in &dataset.paths {
         let sidecar = SpatialSidecar::read(path)?;
         if sidecar.role == Role::Trial {
-            data.push(sidecar.data_sha256() + &sidecar.scene.to_string());
+            data.push(scored_inputs(&sidecar.data_sha256(), &sidecar.scene));
             data.push(hashes[sidecar.whisker.name.as_str()].clone());
             let SpatialSidecar { name, group, whisker, suspension, poisson_ratio, scene, .. } = sidecar;
             let whisker = SpatialRunWhisker { whisker, suspension, poisson_ratio };
