@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use files::Error;
 use live::counts::{BendingCounts, Counts, Sensor};
-use live::{LiveEstimator, noise_n_m};
+use live::{LiveEstimator, check_noise, noise_n_m};
 use serde_json::Value;
 use testbed::fitted_traces::check_fitted_traces;
 use testbed::map::{MapConfig, Observer};
@@ -169,17 +169,11 @@ impl<'a, R> Common<'a, R> {
         Error::value(self.path, format!("whiskers[{index}].noise_sd_n_m"), "none", expected)
     }
 
-    /// Checks that the stated noise of a whisker is at most its largest calibrated reading.
+    /// Checks the stated noise of a whisker, see [`check_noise`].
     fn check_noise(&self, index: usize, largest_n_m: f64) -> Result<(), Error> {
-        let stated = self.mapping.whiskers[index].noise_sd_n_m;
-        match stated.filter(|sd_n_m| *sd_n_m > largest_n_m) {
-            None => Ok(()),
-            Some(sd_n_m) => {
-                let expected = format!("0 to {largest_n_m:.3e} N m, the largest reading of the calibration");
-                let key = format!("whiskers[{index}].noise_sd_n_m");
-                Err(Error::value(self.path, key, sd_n_m, expected))
-            }
-        }
+        check_noise(self.mapping.whiskers[index].noise_sd_n_m, largest_n_m).map_err(|(found, expected)| {
+            Error::value(self.path, format!("whiskers[{index}].noise_sd_n_m"), found, expected)
+        })
     }
 
     /// Error for `moment` with a calibration of a sensor's counts.
@@ -243,7 +237,7 @@ impl Common<'_, EstimatorRow> {
         if entry.moment.is_some() && calibration.front_end.is_some() {
             return Err(self.no_moments(index, "counts, or a calibration of moments").into());
         }
-        self.check_noise(index, calibration.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max))?;
+        self.check_noise(index, calibration.largest_reading_n_m())?;
         let knowledge = Arc::new(Knowledge {
             whisker: calibration.whisker.clone(),
             rest: calibration.whisker.rest_shape(),

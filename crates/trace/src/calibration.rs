@@ -291,7 +291,12 @@ impl CalibrationFile {
 
     /// Gate of the readings: that of the largest reading of all faces.
     pub fn gate(&self) -> ReadingGate {
-        ReadingGate::new(self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max))
+        ReadingGate::new(self.largest_reading_n_m())
+    }
+
+    /// Largest calibrated reading of all faces (N m).
+    pub fn largest_reading_n_m(&self) -> f64 {
+        self.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max)
     }
 
     /// The sensors whose counts the calibration converts: that of the recordings, or those of the front end.

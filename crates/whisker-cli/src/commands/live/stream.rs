@@ -14,7 +14,7 @@ use live::counts::{self, BendingCounts, Conversion, Counts, MODULI, Reading, Sen
 use live::wire::{self, BadLine, Given, Line, PriorLine, SampleLine, SpatialGiven, SpatialPriorLine, Written};
 use live::{
     Answer, Counters, Kind, LiveEstimator, Motion, Output, Planar, Poses, Spatial, SpatialPoses, Status, Timing,
-    noise_n_m,
+    check_noise, noise_n_m,
 };
 use nalgebra::Vector2;
 use serde_json::{Value, json};
@@ -480,11 +480,8 @@ fn check_prior(protocol: (u32, u32), rate_hz: f64, noise_sd_n_m: Option<f64>, la
     if !(least..=most).contains(&rate_hz) {
         bail!("rate_hz: found {}, expected {least} to {most}", shown_number(rate_hz));
     }
-    if let Some(noise_sd_n_m) = noise_sd_n_m.filter(|sd_n_m| !(0.0..=largest_n_m).contains(sd_n_m)) {
-        let found = shown_number(noise_sd_n_m);
-        bail!(
-            "noise_sd_n_m: found {found}, expected 0 to {largest_n_m:.3e} N m, the largest reading of the calibration"
-        );
+    if let Err((found, expected)) = check_noise(noise_sd_n_m, largest_n_m) {
+        bail!("noise_sd_n_m: found {found}, expected {expected}");
     }
     Ok(())
 }
@@ -611,7 +608,7 @@ impl Method for InPlane {
                 path.display()
             )
         })?;
-        let largest_n_m = calibration.faces.iter().map(|face| face.largest_reading_n_m).fold(0.0, f64::max);
+        let largest_n_m = calibration.largest_reading_n_m();
         check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, largest_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
