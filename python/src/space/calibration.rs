@@ -81,7 +81,8 @@ pub(crate) fn fit_spatial_calibration(
     let mut lines = lines.iter().enumerate().map(|(i, line)| samples(rod, i, line)).collect::<PyResult<Vec<_>>>()?;
     let mut across = Across::Normal;
     if real_sensor {
-        across = sensor::screen(&rod.whisker.whisker, &mut lines).across;
+        across = py.detach(|| sensor::screen(&rod.whisker.whisker, &mut lines)).across;
+        py.check_signals()?;
     }
     let data = SpatialFitData {
         whisker: &rod.whisker,
