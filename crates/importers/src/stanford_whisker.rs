@@ -46,6 +46,17 @@ pub(crate) const NAME: &str = "stanford-whisker";
 
 const FOLDER: &str = "data/all_datasets";
 const COLUMNS: [&str; 7] = ["", "px", "py", "pz", "sx", "sy", "sz"];
+
+/// Index of the first column of the stage's position.
+const STAGE: usize = 1;
+
+/// Index of the first column of the sensor.
+const SENSOR: usize = 4;
+
+/// Axes of the sensor that bend with the whisker out of its plane and in it.
+const OUT_OF_PLANE: usize = 0;
+const IN_PLANE: usize = 1;
+
 const M_PER_MM: f64 = 1e-3;
 
 /// Largest distance of a planar contact from the plane.
@@ -209,7 +220,7 @@ fn import_test(
         let expected = format!("`{}<date>{}.csv`", sensor.calibration, attempt(&session_name));
         Error::value(path, "calibration", "none", format!("{expected} in {FOLDER}/calibration"))
     })?;
-    let table = Table::read(path)?;
+    let table = Table::read_planar(path)?;
     let mut trace = calibration.test(&session_name, &table, &test);
     let Test::Sweep(object) = &test else { return Ok((trace, None)) };
     let Some(outline) = fixture(folder, object, table.rows[0].stage_m[2])? else { return Ok((trace, None)) };
@@ -343,7 +354,7 @@ impl Table {
                     Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
                 }
             };
-            let stage_m = [stage(1)?, stage(2)?, stage(3)?];
+            let stage_m = [stage(STAGE)?, stage(STAGE + 1)?, stage(STAGE + 2)?];
             let counts = |i| match cell(i)? {
                 counts if counts.abs() <= MOST_COUNTS => Ok(counts),
                 _ => {
@@ -351,8 +362,8 @@ impl Table {
                     Err(cell_error(path, line, &record, &COLUMNS, i, &expected))
                 }
             };
-            let channels = [counts(4)?, counts(5)?, counts(6)?];
-            rows.push(Row { stage_m, counts: channels[1], channels });
+            let channels = [counts(SENSOR)?, counts(SENSOR + 1)?, counts(SENSOR + 2)?];
+            rows.push(Row { stage_m, counts: channels[IN_PLANE], channels });
         }
         if rows.is_empty() {
             return Err(Error::Table {
@@ -364,6 +375,28 @@ impl Table {
             });
         }
         Ok(Self { path: path.into(), rows, sha256: sha256(&bytes) })
+    }
+
+    /// Reads a file whose planar part is imported.
+    fn read_planar(path: &Path) -> Result<Self, Error> {
+        let table = Self::read(path)?;
+        table.check_channel(IN_PLANE, "varying readings of the bending channel in the whisker's plane")?;
+        Ok(table)
+    }
+
+    /// Checks that a channel does not have the same reading in all rows, as that of a sensor that has failed.
+    fn check_channel(&self, axis: usize, expected: &str) -> Result<(), Error> {
+        let first = self.rows[0].channels[axis];
+        if self.rows.len() == 1 || self.rows.iter().any(|row| row.channels[axis] != first) {
+            return Ok(());
+        }
+        Err(self.wrong(SENSOR + axis, format!("{first} in all {} rows", self.rows.len()), expected))
+    }
+
+    /// Error of a column of [`COLUMNS`] as a whole, at its first value.
+    fn wrong(&self, column: usize, found: String, expected: &str) -> Error {
+        let place = format!("column {}, `{}`", column + 1, COLUMNS[column]);
+        Error::Table { path: self.path.clone(), line: 2, place, found, expected: expected.into() }
     }
 
     /// Reading far from contact.
@@ -413,7 +446,7 @@ struct Calibrated {
 
 impl Calibrated {
     fn read(sensor: &'static Sensor, path: &Path) -> Result<Self, Error> {
-        let table = Table::read(path)?;
+        let table = Table::read_planar(path)?;
         let rest_counts = table.rest_counts();
         let planar: Vec<Pressed> = table
             .rows

@@ -200,6 +200,24 @@ fn verif_outlines_of_objects_come_from_their_meshes() {
     fails_on(source.path(), &["ConeFixture.stl", "found 200", "484 bytes of a binary STL"]);
 }
 
+#[test]
+fn regress_a_sensor_that_reads_the_same_in_every_row_is_named() {
+    for (file, name) in [(CALIBRATION, "curved_calib_May_22_try2.csv"), (TRIAL, "curved_test_May_22_trial0.csv")] {
+        let source = clone();
+        let path = source.path().join(file);
+        let table = fs::read_to_string(&path).unwrap();
+        let rows = table.lines().skip(1).map(|line| {
+            let mut cells: Vec<&str> = line.split(',').collect();
+            cells[5] = "-40";
+            cells.join(",") + "\n"
+        });
+        let count = rows.clone().count();
+        fs::write(&path, ",px,py,pz,sx,sy,sz\n".to_owned() + &rows.collect::<String>()).unwrap();
+        let found = format!("{name}:2: column 6, `sy`: found -40 in all {count} rows, expected varying readings");
+        fails_on(source.path(), &[&found]);
+    }
+}
+
 /// Clone of the repository with a calibration in space, and a trial with a pin 1.5 mm above the whisker's plane.
 fn clone_in_space() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();

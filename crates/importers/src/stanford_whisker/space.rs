@@ -16,8 +16,8 @@ use whisker::elastica::Elastica;
 use whisker::frames::{Base, Point, Pose, World};
 
 use super::{
-    COLUMNS, Calibrated, FOLDER, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, PLANE_M, Row, Sensor, Table,
-    Test, attempt, calibrated_sensor, folders, lines, stem, tables,
+    Calibrated, FOLDER, IN_PLANE, M_PER_MM, MESHES, MESHES_MM, OBJECTS_MM, OBJECTS_Z_MM, OUT_OF_PLANE, PLANE_M, Row,
+    STAGE, Sensor, Table, Test, attempt, calibrated_sensor, folders, lines, stem, tables,
 };
 use crate::mesh::{self, Triangle};
 use crate::registration::{Mounted, pieces};
@@ -194,13 +194,6 @@ pub fn stanford_in_space(folder: &Path) -> Result<SpatialRecordings, Error> {
     Ok(recordings)
 }
 
-/// The error of a column as a whole, at its first value.
-fn wrong(table: &Table, name: &str, found: String, expected: &str) -> Error {
-    let column = COLUMNS.iter().position(|known| *known == name).map_or(0, |index| index + 1);
-    let place = format!("column {column}, `{name}`");
-    Error::Table { path: table.path.clone(), line: 2, place, found, expected: expected.into() }
-}
-
 /// Reads a file, whose positions must be in millimetres.
 fn read(path: &Path) -> Result<Table, Error> {
     let table = Table::read(path)?;
@@ -211,21 +204,18 @@ fn read(path: &Path) -> Result<Table, Error> {
     let most_mm = (0..3).map(travel_mm).fold(0.0, f64::max);
     if table.rows.len() > 1 && most_mm < SMALLEST_TRAVEL_MM {
         let found = format!("a stage that travels {most_mm:.3}");
-        return Err(wrong(&table, "px", found, "positions px, py and pz in mm, not in m"));
+        return Err(table.wrong(STAGE, found, "positions px, py and pz in mm, not in m"));
     }
     Ok(table)
 }
 
 /// Readings of both bending channels above that of the first row.
 fn channels(table: &Table) -> Result<Vec<Vector2<f64>>, Error> {
-    let first = table.rows[0].channels;
-    for (axis, name) in [(0, "sx"), (1, "sy")] {
-        if table.rows.len() > 1 && table.rows.iter().all(|row| row.channels[axis] == first[axis]) {
-            let found = format!("{} in all {} rows", first[axis], table.rows.len());
-            return Err(wrong(table, name, found, "the readings of two bending channels, sx and sy"));
-        }
+    for axis in [OUT_OF_PLANE, IN_PLANE] {
+        table.check_channel(axis, "the readings of two bending channels, sx and sy")?;
     }
-    let above = |row: &Row| Vector2::new(row.channels[0] - first[0], row.channels[1] - first[1]);
+    let first = table.rows[0].channels;
+    let above = |row: &Row| Vector2::new(OUT_OF_PLANE, IN_PLANE).map(|axis| row.channels[axis] - first[axis]);
     Ok(table.rows.iter().map(above).collect())
 }
 
@@ -244,7 +234,11 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
     let most_m = rows.iter().map(|row| row.contact_m.z.abs()).fold(0.0, f64::max);
     if most_m < PLANE_M {
         let found = format!("contacts up to {:.3} mm out of the whisker's plane", most_m / M_PER_MM);
-        return Err(wrong(&table, "pz", found, "lines of contacts on both sides of the plane, for a model in space"));
+        return Err(table.wrong(
+            STAGE + 2,
+            found,
+            "lines of contacts on both sides of the plane, for a model in space",
+        ));
     }
     let lines = lines(&table.rows);
     let Calibrated { registration, touch_counts, .. } = Calibrated::read(sensor, path)?;
@@ -253,7 +247,7 @@ fn calibration(sensor: &'static Sensor, path: &Path) -> Result<SpatialCalibratio
     let root_m = Vector3::new(root.x(), root.y(), 0.0);
     let wire = Wire::new(&mounted)
         .ok_or_else(|| Error::value(path, "rows", "none", "contacts that determine the shape of the wire"))?;
-    let noise_sd_counts = Vector2::new(0, 1).map(|axis| {
+    let noise_sd_counts = Vector2::new(OUT_OF_PLANE, IN_PLANE).map(|axis| {
         let rows = table.rows.iter().map(|row| Row { counts: row.channels[axis], ..*row }).collect();
         Table { path: path.into(), rows, sha256: String::new() }.noise_sd_counts(touch_counts)
     });
