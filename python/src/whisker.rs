@@ -43,12 +43,13 @@ impl Whisker {
 
 #[pymethods]
 impl Whisker {
-    /// Whisker with these parameters, a dictionary with the keys of `parameters`.
+    /// Whisker with these parameters, a dictionary with the keys of `parameters`. Raises `ValueError` for a parameter of implausible size,
+    /// such as a length in mm.
     #[new]
     fn new(parameters: &Bound<'_, PyAny>) -> PyResult<Self> {
         let value = to_json("parameters", parameters)?;
         let whisker: ::whisker::Whisker = serde_json::from_value(value).map_err(raised)?;
-        whisker.validate().map_err(raised)?;
+        whisker.validate().and_then(|()| whisker.check_plausible()).map_err(raised)?;
         Ok(Self { whisker })
     }
 

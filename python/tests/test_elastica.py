@@ -128,6 +128,8 @@ def test_robust_parameters_of_no_whisker_are_refused(whisker):
     assert wc.Whisker(whisker.parameters) == whisker
     with pytest.raises(ValueError, match=r"whisker.length_m: found -1, expected a positive number"):
         wc.Whisker({**whisker.parameters, "length_m": -1.0})
+    with pytest.raises(ValueError, match=r"whisker.length_m: found 90, expected 1e-3 to 1 m; compare the unit"):
+        wc.Whisker({**whisker.parameters, "length_m": 90.0, "curvature": [{"length_m": 90.0, "curvature_per_m": 0.0}]})
     with pytest.raises(ValueError, match="unknown field `colour`"):
         wc.Whisker({**whisker.parameters, "colour": "blue"})
 

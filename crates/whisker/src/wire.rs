@@ -50,6 +50,30 @@ pub struct Whisker {
     pub damping_s: f64,
 }
 
+/// A parameter with its smallest and largest value, beyond which it probably has another unit.
+struct Plausible {
+    key: &'static str,
+    of: fn(&Whisker) -> f64,
+    range: [f64; 2],
+    expected: &'static str,
+}
+
+impl Plausible {
+    const fn new(key: &'static str, of: fn(&Whisker) -> f64, range: [f64; 2], expected: &'static str) -> Self {
+        Self { key, of, range, expected }
+    }
+}
+
+/// Diameters, modulus and density are those of scenes. The root is softer than any suspension, or practically clamped, beyond its range.
+const PLAUSIBLE: [Plausible; 6] = [
+    Plausible::new("length_m", |of| of.length_m, [1e-3, 1.0], "1e-3 to 1 m"),
+    Plausible::new("root_diameter_m", |of| of.root_diameter_m, [1e-6, 0.1], "1e-6 to 0.1 m"),
+    Plausible::new("tip_diameter_m", |of| of.tip_diameter_m, [1e-6, 0.1], "1e-6 to 0.1 m"),
+    Plausible::new("youngs_modulus_pa", |of| of.youngs_modulus_pa, [1e3, 1e13], "1e3 to 1e13 Pa"),
+    Plausible::new("density_kg_m3", |of| of.density_kg_m3, [1.0, 3e4], "1 to 3e4 kg/m3"),
+    Plausible::new("root_stiffness_n_m_rad", |of| of.root_stiffness_n_m_rad, [1e-9, 1e6], "1e-9 to 1e6 N m/rad"),
+];
+
 /// Invalid parameter of a whisker.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("whisker.{key}: found {found}, expected {expected}")]
@@ -121,6 +145,20 @@ impl Whisker {
         Ok(())
     }
 
+    /// Checks that the parameters of a valid whisker have plausible sizes. Beyond them, a parameter probably has another unit.
+    ///
+    /// # Errors
+    /// [`Invalid`] names the first that has not.
+    pub fn check_plausible(&self) -> Result<(), Invalid> {
+        for Plausible { key, of, range: [least, most], expected } in PLAUSIBLE {
+            let found = of(self);
+            if !(least..=most).contains(&found) {
+                return Err(Invalid { key, found, expected: format!("{expected}; compare the unit") });
+            }
+        }
+        Ok(())
+    }
+
     /// Diameter at arc length `s_m`.
     pub fn diameter_m(&self, s_m: f64) -> f64 {
         self.root_diameter_m + (self.tip_diameter_m - self.root_diameter_m) * s_m / self.length_m
@@ -140,6 +178,18 @@ impl Whisker {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn robust_parameters_in_other_units_are_implausible() {
+        for whisker in [Whisker::straight(), Whisker::curved(), Whisker::stanford()] {
+            assert_eq!(whisker.check_plausible(), Ok(()));
+        }
+        let millimetres = Whisker { length_m: 80.0, ..Whisker::straight() };
+        let message = millimetres.check_plausible().unwrap_err().to_string();
+        assert_eq!(message, "whisker.length_m: found 80, expected 1e-3 to 1 m; compare the unit");
+        let gigapascals = Whisker { youngs_modulus_pa: 75.0, ..Whisker::straight() };
+        assert_eq!(gigapascals.check_plausible().unwrap_err().key, "youngs_modulus_pa");
+    }
 
     #[test]
     fn verif_the_first_different_parameter_is_named() {

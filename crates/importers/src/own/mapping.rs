@@ -14,7 +14,7 @@ use whisker::Whisker;
 use whisker::sensor::Face;
 
 use super::Geometry;
-use super::parameters::{StatedWhisker, check_plausible};
+use super::parameters::StatedWhisker;
 use super::units::{Reading, Time};
 
 /// Longest gap that is interpolated.
@@ -271,8 +271,7 @@ impl<G: Geometry> Mapping<G> {
         }
         let invalid =
             |error: whisker::Invalid| Error::value(path, format!("whisker.{}", error.key), error.found, error.expected);
-        whisker.validate().map_err(invalid)?;
-        check_plausible(path, &whisker)?;
+        whisker.validate().and_then(|()| whisker.check_plausible()).map_err(invalid)?;
         Ok(whisker)
     }
 

@@ -9,30 +9,6 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 use whisker::{Curvature, Whisker};
 
-/// A parameter with its smallest and largest value, beyond which it probably has another unit.
-struct Plausible {
-    key: &'static str,
-    of: fn(&Whisker) -> f64,
-    range: [f64; 2],
-    expected: &'static str,
-}
-
-impl Plausible {
-    const fn new(key: &'static str, of: fn(&Whisker) -> f64, range: [f64; 2], expected: &'static str) -> Self {
-        Self { key, of, range, expected }
-    }
-}
-
-/// Diameters, modulus and density are those of scenes. The root is softer than any suspension, or practically clamped, beyond its range.
-const PLAUSIBLE: [Plausible; 6] = [
-    Plausible::new("length_m", |of| of.length_m, [1e-3, 1.0], "1e-3 to 1 m"),
-    Plausible::new("root_diameter_m", |of| of.root_diameter_m, [1e-6, 0.1], "1e-6 to 0.1 m"),
-    Plausible::new("tip_diameter_m", |of| of.tip_diameter_m, [1e-6, 0.1], "1e-6 to 0.1 m"),
-    Plausible::new("youngs_modulus_pa", |of| of.youngs_modulus_pa, [1e3, 1e13], "1e3 to 1e13 Pa"),
-    Plausible::new("density_kg_m3", |of| of.density_kg_m3, [1.0, 3e4], "1 to 3e4 kg/m3"),
-    Plausible::new("root_stiffness_n_m_rad", |of| of.root_stiffness_n_m_rad, [1e-9, 1e6], "1e-9 to 1e6 N m/rad"),
-];
-
 /// Whisker as stated.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
@@ -167,19 +143,4 @@ fn preset(path: &Path, key: &str, name: &str) -> Result<Whisker, Error> {
         let known = presets().map(|preset| preset.name).join(", ");
         Error::value(path, key, format!("`{name}`"), format!("one of: {known}"))
     })
-}
-
-/// Checks that the parameters have plausible sizes.
-///
-/// # Errors
-/// [`Error::Value`] names the first that has not.
-pub(super) fn check_plausible(path: &Path, whisker: &Whisker) -> Result<(), Error> {
-    for Plausible { key, of, range: [least, most], expected } in PLAUSIBLE {
-        let found = of(whisker);
-        if !(least..=most).contains(&found) {
-            let expected = format!("{expected}; compare the unit");
-            return Err(Error::value(path, format!("whisker.{key}"), found, expected));
-        }
-    }
-    Ok(())
 }
