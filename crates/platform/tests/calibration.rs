@@ -537,6 +537,51 @@ fn robust_wrong_coefficients_are_refused() {
 }
 
 #[test]
+fn regress_a_chain_with_an_implausible_rate_or_edge_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, row) = (folder.path().join("calibration.json"), regression("robust").unwrap());
+    let log = write_log(folder.path(), "log", &positions(20, 0.05, 0.14), 1);
+    let gathered = gather(&[source(log)], &Settings::default(), row, RATE_HZ).unwrap();
+    let fitted = Calibration::fit(row, gathered.presses, gathered.chain, HoldOut::Press, 0.9, watermark()).unwrap();
+    let rate_hz = fitted.chain().unwrap().rate_hz;
+    for (key, value, words) in [
+        ("rate_hz", 1e3 * rate_hz, "expected a number above zero, at most 10000"),
+        ("rate_hz", -1.0, "expected a number above zero"),
+        ("cutoff_hz", 1e-3, "expected at least 0.4"),
+        ("cutoff_hz", 0.6 * rate_hz, "and below half of rate_hz"),
+    ] {
+        changed(&fitted, &file, |json| json["chain"][key] = serde_json::json!(value));
+        let message = Calibration::read(&file).unwrap_err().to_string();
+        let found = format!("calibration.json: chain.{key}: found {value}, ");
+        assert!(message.contains(&found) && message.contains(words), "{message}");
+    }
+    changed(&fitted, &file, |json| json["chain"]["cutoff_hz"] = serde_json::json!(0.5));
+    let least = Calibration::read(&file).unwrap();
+    assert!(Presses::new(least.chain().unwrap()).is_ok());
+}
+
+#[test]
+fn regress_logs_with_an_implausible_rate_or_edge_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = regression("robust").unwrap();
+    let (mut samples, spans) = record(&positions(4, 0.05, 0.14), 1);
+    let slow = write_samples(folder.path(), "log", &(samples.clone(), spans.clone()));
+    let settings = Settings { cutoff_hz: 1e-3, ..Settings::default() };
+    let error = gather(&[source(slow)], &settings, row, RATE_HZ).unwrap_err().to_string();
+    assert!(
+        error.starts_with("--cutoff-hz: found 0.001, expected at least 0.444, 1/2000 of the sampling rate"),
+        "{error}"
+    );
+    samples.iter_mut().for_each(|sample| sample.t_s *= 1e-3);
+    let fast = write_samples(folder.path(), "fast", &(samples, spans));
+    let error = gather(&[source(fast)], &Settings::default(), row, RATE_HZ).unwrap_err().to_string();
+    assert!(
+        error.contains("fast.csv: found 888") && error.contains("samples a second, expected at most 10000"),
+        "{error}"
+    );
+}
+
+#[test]
 fn robust_features_without_a_logarithm_are_refused_by_the_regressions_that_use_it() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("calibration.json");

@@ -71,6 +71,16 @@ pub enum Error {
         /// Probable cause.
         hint: &'static str,
     },
+    /// Samples are closer together than those of any magnetometer.
+    #[error("{log}: found {found_hz:.0} samples a second, expected at most {most_hz}; compare the unit of the times")]
+    Fast {
+        /// The recording.
+        log: String,
+        /// Its sampling rate (Hz).
+        found_hz: f64,
+        /// Highest sampling rate (Hz).
+        most_hz: f64,
+    },
     /// The regression uses a feature that a press does not have.
     #[error("regression `{regression}`: press {press} has no {feature}")]
     Feature {

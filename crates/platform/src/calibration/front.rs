@@ -12,6 +12,12 @@ use crate::Sample;
 /// Highest order of the low-pass.
 pub(super) const MOST_ORDER: usize = 8;
 
+/// Highest sampling rate (Hz), above that of any magnetometer.
+pub(super) const MOST_RATE_HZ: f64 = 1e4;
+
+/// Most samples in a period of the low-pass's edge: the effort of [`Ramps`] is proportional to its square.
+pub(super) const MOST_SAMPLES: f64 = 2000.0;
+
 /// Parameters of the detection of presses in samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -49,6 +55,10 @@ impl Chain {
         if let Some((key, found)) = positive.into_iter().find(|(_, value)| *value <= 0.0) {
             return Err(wrong(key, found, "a number above zero"));
         }
+        if self.rate_hz > MOST_RATE_HZ {
+            let expected = format!("a number above zero, at most {MOST_RATE_HZ}");
+            return Err(wrong("rate_hz", self.rate_hz, &expected));
+        }
         for (key, axis) in [("main_axis", self.main_axis), ("second_axis", self.second_axis)] {
             if axis > 2 {
                 return Err(wrong(key, axis as f64, "0, 1 or 2"));
@@ -57,8 +67,10 @@ impl Chain {
         if !(1..=MOST_ORDER).contains(&self.order) {
             return Err(wrong("order", self.order as f64, "1 to 8"));
         }
-        if !(0.0 < self.cutoff_hz && 2.0 * self.cutoff_hz < self.rate_hz) {
-            return Err(wrong("cutoff_hz", self.cutoff_hz, "above 0 and below half of rate_hz"));
+        let least_hz = self.rate_hz / MOST_SAMPLES;
+        if !(least_hz <= self.cutoff_hz && 2.0 * self.cutoff_hz < self.rate_hz) {
+            let expected = format!("at least {least_hz} and below half of rate_hz");
+            return Err(wrong("cutoff_hz", self.cutoff_hz, &expected));
         }
         Ok(())
     }

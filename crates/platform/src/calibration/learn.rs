@@ -2,7 +2,7 @@
 
 use signal::LONGEST_GAP_S;
 
-use super::front::{Front, MOST_ORDER};
+use super::front::{Front, MOST_ORDER, MOST_RATE_HZ, MOST_SAMPLES};
 use super::rate::hint;
 use super::{Chain, Error, Intervals, Rate, is_same_rate};
 use crate::Sample;
@@ -76,6 +76,11 @@ impl Settings {
 pub fn learn(logs: &[(&str, &[Sample])], settings: &Settings) -> Result<Chain, Error> {
     settings.validate()?;
     let rate_hz = common_rate_hz(logs, settings.cutoff_hz)?;
+    let least_hz = rate_hz / MOST_SAMPLES;
+    if settings.cutoff_hz < least_hz {
+        let expected = format!("at least {least_hz:.3}, 1/{MOST_SAMPLES} of the sampling rate");
+        return Err(Error::Setting { key: CUTOFF, found: settings.cutoff_hz, expected });
+    }
     let mut moved = Vec::with_capacity(logs.len());
     for (_, log) in logs {
         let mut front = Front::new(settings.order, settings.cutoff_hz, rate_hz)?;
@@ -146,6 +151,9 @@ fn common_rate_hz(logs: &[(&str, &[Sample])], cutoff_hz: f64) -> Result<f64, Err
             false => "all times equal".into(),
         };
         return Err(Error::Times { log: logs[i].0.into(), found });
+    }
+    if let Some(i) = rates.iter().position(|rate| *rate > MOST_RATE_HZ) {
+        return Err(Error::Fast { log: logs[i].0.into(), found_hz: rates[i], most_hz: MOST_RATE_HZ });
     }
     let median = quantile(rates.clone(), 0.5);
     match rates.iter().position(|rate| !is_same_rate(*rate, median)) {
