@@ -20,6 +20,7 @@ mod sidecar;
 mod spatial;
 mod stream;
 mod suite;
+mod surface;
 mod trace;
 
 /// Parser of untrusted input.
@@ -46,6 +47,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "mapping", about: "mapping of own recordings, with a CSV and an MCAP file", run: mapping::run },
     Target { name: "run", about: "description of a run", run: run::run },
     Target { name: "results", about: "tables of a run", run: results::run },
+    Target { name: "surface", about: "surface of a map: PLY file of a triangle mesh", run: surface::run },
     Target { name: "settings", about: "settings of estimators, front ends, detection and maps", run: settings::run },
     Target { name: "stream", about: "line of a live stream", run: stream::run },
     Target { name: "contact_mapping", about: "mapping of ROS 2 topics to whiskers, with a URDF", run: contact_mapping::run },

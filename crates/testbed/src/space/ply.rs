@@ -25,6 +25,9 @@ const PLACE: [&str; 10] = [
     "float sd_m",
 ];
 
+/// Largest magnitude of a number that is read. Rounded and written again, it is read as the same number.
+const LARGEST: f64 = 1e9;
+
 /// Values of the properties [`PLACE`].
 fn place(at: Vector3<f64>, normal: Vector3<f64>, sd_m: f64) -> String {
     let [red, green, blue] = colour(sd_m);
@@ -86,12 +89,8 @@ impl SurfaceMesh {
         };
         let (vertices, triangles) = (count("vertex").unwrap_or(0), count("face").unwrap_or(0));
         file(&surface_elements(vertices, triangles), []).lines().try_for_each(|expected| lines.expect(expected))?;
-        let vertex = |[x, y, z, nx, ny, nz, _, _, _, sd_m, object]: [f64; 11]| {
-            let (at, normal) = (Point::from_vector(Vector3::new(x, y, z)), Vector3::new(nx, ny, nz));
-            Vertex { on: ProjectedPoint { at, normal, sd_m }, object: object as usize }
-        };
         let mesh = Self {
-            vertices: (0..vertices).map(|_| lines.numbers().map(vertex)).collect::<Result<_, _>>()?,
+            vertices: (0..vertices).map(|_| lines.vertex()).collect::<Result<_, _>>()?,
             triangles: (0..triangles).map(|_| lines.corners(vertices)).collect::<Result<_, _>>()?,
         };
         if let Some(surplus) = lines.lines.next() {
@@ -123,13 +122,20 @@ impl<'a> Lines<'a> {
         if found == expected { Ok(()) } else { Err(self.error(found, &format!("`{expected}`"))) }
     }
 
-    /// The numbers of the next line.
-    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], files::Error> {
+    /// The vertex of the next line. Its colour is that of its standard deviation.
+    fn vertex(&mut self) -> Result<Vertex, files::Error> {
         let line = self.next();
         let numbers: Option<Vec<f64>> = line.split(' ').map(|word| word.parse().ok()).collect();
-        let numbers = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
-        let numbers: Option<[f64; N]> = numbers.and_then(|numbers| numbers.try_into().ok());
-        numbers.ok_or_else(|| self.error(line, &format!("{N} numbers")))
+        let numbers = numbers.filter(|numbers| numbers.iter().all(|number| number.abs() <= LARGEST));
+        let numbers: Option<[f64; 11]> = numbers.and_then(|numbers| numbers.try_into().ok());
+        let Some([x, y, z, nx, ny, nz, _, _, _, sd_m, object]) = numbers else {
+            return Err(self.error(line, "11 numbers of a magnitude of at most 1e9"));
+        };
+        if !(sd_m >= 0.0 && object >= 0.0 && object.fract() == 0.0) {
+            return Err(self.error(line, "a standard deviation of at least 0 and the number of an object at the end"));
+        }
+        let (at, normal) = (Point::from_vector(Vector3::new(x, y, z)), Vector3::new(nx, ny, nz));
+        Ok(Vertex { on: ProjectedPoint { at, normal, sd_m }, object: object as usize })
     }
 
     /// The indices of the corners of a triangle in the next line, less than `vertices`.
@@ -231,9 +237,18 @@ mod tests {
                 .ends_with("found `property float error`, expected `property float sd_m`")
         );
         let short = text.replace("element vertex 0", "element vertex 1");
-        assert!(refused(&short).ends_with("row: found no row, expected 11 numbers"), "{}", refused(&short));
+        assert!(refused(&short).contains("row: found no row, expected 11 numbers"), "{}", refused(&short));
         let one = short + "0 0 0 0 1 0 68 1 84 nan 0\n";
-        assert!(refused(&one).ends_with("84 nan 0`, expected 11 numbers"), "{}", refused(&one));
+        assert!(refused(&one).contains("84 nan 0`, expected 11 numbers"), "{}", refused(&one));
+        for (end, words) in [
+            ("1e300 0", "expected 11 numbers of a magnitude of at most 1e9"),
+            ("-1e-5 0", "expected a standard deviation of at least 0"),
+            ("1e-5 0.5", "the number of an object at the end"),
+            ("1e-5 -1", "the number of an object at the end"),
+        ] {
+            let message = refused(&one.replace("nan 0", end));
+            assert!(message.contains(words), "{message}");
+        }
         let beyond = one.replace("nan", "1e-5").replace("element face 0", "element face 1") + "3 0 0 1\n";
         for face in ["3 0 0 1", "4 0 0 0", "3 0 0 -1", "3 0 0 0.5"] {
             let message = refused(&beyond.replace("3 0 0 1", face));
