@@ -208,6 +208,52 @@ fn robust_missing_files_of_a_run_are_named() {
 }
 
 #[test]
+fn regress_damaged_tables_in_the_subfolders_of_a_run_are_named() {
+    let (traces, results) = (calibrated_dataset(), tempfile::tempdir().unwrap());
+    let given = [traces.path(), results.path()].map(|path| path.to_str().unwrap());
+    good(&["evaluate", given[0], "--estimators", "ekf", "--seeds", "1", "--results", given[1], "--name", "run"]);
+    let run = results.path().join("run");
+    // A file of the user.
+    fs::write(run.join("estimates/notes.csv"), "time,remark\n").unwrap();
+    assert!(check(&run).status.success());
+    for (table, line) in [("bounds/pin.csv", 3), ("estimates/pin.ekf.csv", 2)] {
+        let text = fs::read_to_string(run.join(table)).unwrap();
+        let mut lines: Vec<String> = text.lines().map(Into::into).collect();
+        let (_, others) = lines[line - 1].split_once(',').unwrap();
+        lines[line - 1] = format!("early,{others}");
+        fs::write(run.join(table), lines.join("\n") + "\n").unwrap();
+    }
+    for path in [run.clone(), run.join("run.json")] {
+        let checked = check(&path);
+        let errors = String::from_utf8(checked.stderr).unwrap();
+        let errors: Vec<&str> = errors.lines().collect();
+        let words = [
+            "bounds/pin.csv:3: column `t_s`: found `early`, expected a number",
+            "estimates/pin.ekf.csv:2: column `t_s`",
+        ];
+        assert!(checked.status.code() == Some(1) && errors.len() == 2, "{errors:?}");
+        for (error, words) in errors.iter().zip(words) {
+            assert!(error.starts_with("error: ") && error.contains(words), "{error}");
+        }
+    }
+}
+
+#[test]
+fn regress_damaged_tables_in_the_subfolders_of_a_run_in_space_are_named() {
+    let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../results/reference/spatial");
+    let run = tempfile::tempdir().unwrap();
+    for entry in fs::read_dir(reference).unwrap().map(Result::unwrap).filter(|entry| entry.path().is_file()) {
+        fs::copy(entry.path(), run.path().join(entry.file_name())).unwrap();
+    }
+    fs::create_dir(run.path().join("space_estimates")).unwrap();
+    fs::write(run.path().join("space_estimates/pin.line.csv"), "t_s,x_m\n0,0\n").unwrap();
+    let checked = check(run.path());
+    let errors = String::from_utf8(checked.stderr).unwrap();
+    assert!(checked.status.code() == Some(1) && errors.lines().count() == 1, "{errors}");
+    assert!(errors.contains("space_estimates/pin.line.csv:2: unknown field `x_m`, expected one of"), "{errors}");
+}
+
+#[test]
 fn robust_a_rate_that_contradicts_the_times_is_noted_by_replay_and_evaluation() {
     let (traces, results) = (calibrated_dataset(), tempfile::tempdir().unwrap());
     let trace = traces.path().join("pin.csv");

@@ -1,12 +1,14 @@
 //! `whisker check`: validation of files.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use evaluation::plausibility::{Subject, spatial_findings};
 use evaluation::remarks::named;
 use files::read_json;
+use rayon::prelude::*;
 use recorded::benchmark::{FaceScore, MapScore, PinSummary, SettingsUsed, SweepScore};
 use recorded::pins::PinScore;
 use serde_json::Value;
@@ -25,6 +27,8 @@ use super::{print, python};
 use crate::claims::MeasuredClaim;
 
 /// Validate files of the project: traces, outlines, calibrations, scenes, suites, runs, tables of `whisker recordings`
+///
+/// Of a run, the tables in its subfolders are read too, and named only if they are damaged.
 ///
 /// A trace is also tested for errors of unit, sign, frame and rate: twist against poses, rate_hz against times, face
 /// and size of the moment against whisker, calibration and true contact. A suite is compared with its traces in
@@ -45,6 +49,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 failed = true;
                 eprintln!("error: {error:#}");
             }
+        }
+        for error in damaged_tables(&path)? {
+            failed = true;
+            eprintln!("error: {error:#}");
         }
     }
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -167,6 +175,35 @@ fn check_run_files(description: &Path, expected: &[String], trials: RunFile) -> 
         description.display(),
         named(&missing, MOST_NAMED)
     )
+}
+
+/// Errors of the tables in the subfolders of a run, if the path is that of its description. They may be thousands, one for each trace
+/// and estimator, so that those without errors are not listed.
+///
+/// # Errors
+/// If a folder cannot be read.
+fn damaged_tables(description: &Path) -> anyhow::Result<Vec<anyhow::Error>> {
+    let registries = [(plane::RUN, RUN_FILES), (space::RUN, SPATIAL_RUN_FILES)];
+    let of_this = registries.into_iter().find(|(run, _)| description.file_name().is_some_and(|name| name == run.name));
+    let Some((_, registry)) = of_this else { return Ok(Vec::new()) };
+    let folders: BTreeSet<&str> =
+        registry.iter().filter_map(|file| Some(file.name.split_once('/')?.0).filter(|_| file.rows.is_some())).collect();
+    let mut tables: Vec<(PathBuf, Rows)> = Vec::new();
+    for name in folders {
+        let folder = description.with_file_name(name);
+        if !folder.is_dir() {
+            continue;
+        }
+        for entry in std::fs::read_dir(&folder).with_context(|| folder.display().to_string())? {
+            let path = entry.with_context(|| folder.display().to_string())?.path();
+            let file = path.file_name().unwrap_or_default().to_string_lossy();
+            let in_run = format!("{name}/{file}");
+            let rows = registry.iter().filter(|file| file.is_at(&in_run)).find_map(|file| file.rows);
+            tables.extend(rows.map(|rows| (path, rows)));
+        }
+    }
+    tables.sort_by(|(one, _), (other, _)| one.cmp(other));
+    Ok(tables.par_iter().filter_map(|(path, rows)| rows.counted(path).err()).collect())
 }
 
 fn check_spatial_calibration(path: &Path) -> anyhow::Result<String> {
