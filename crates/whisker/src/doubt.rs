@@ -18,8 +18,8 @@ pub(crate) struct DoubtSettings {
     /// estimates also have large innovations.
     pub most_nis: f64,
     /// Mean above which the models are in doubt; 1 if the predictive distribution of the mixture is right. A lower value
-    /// detects more and raises more false alarms. At most [`LARGEST_SHARE`] of `most_nis`. The doubt lasts until the mean has fallen halfway from
-    /// there to 1, so that one contradiction is one signal.
+    /// detects more and raises more false alarms. At most [`LARGEST_SHARE`] of `most_nis`. The doubt lasts until the mean has
+    /// fallen halfway from there to 1, so that one contradiction is one signal.
     pub nis: f64,
 }
 
