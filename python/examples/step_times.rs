@@ -1,5 +1,5 @@
-//! Times of an estimator in Rust on a trace with 1 % noise: `step_times TRACE CALIBRATION ESTIMATOR [SETTINGS]`, for comparison with
-//! Python. `SETTINGS` are JSON, over the default ones.
+//! Times of an estimator in Rust on a trace with 1 % noise: `step_times TRACE CALIBRATION ESTIMATOR [SETTINGS]`, for comparison
+//! with Python. `SETTINGS` are JSON, over the default ones.
 //!
 //! Prints times per sample in nanoseconds, each the least of several runs: sample by sample, and as a replay of arrays of
 //! times, poses and readings; and the 99th percentile and the largest over the samples of the least time of each.

@@ -73,8 +73,8 @@ impl Estimate {
         self.estimate.model_doubtful
     }
 
-    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants. Always
-    /// false for methods that average no models.
+    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants.
+    /// Always false for methods that average no models.
     #[getter]
     fn second_contact(&self) -> bool {
         self.estimate.second_contact

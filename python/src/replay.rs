@@ -113,7 +113,8 @@ impl Replay {
         flags(py, self.replay.estimates.iter().map(|estimate| estimate.is_some_and(|estimate| estimate.model_doubtful)))
     }
 
-    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load (n), see `Estimate.second_contact`.
+    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load (n), see
+    /// `Estimate.second_contact`.
     #[getter]
     fn second_contact<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         flags(py, self.replay.estimates.iter().map(|estimate| estimate.is_some_and(|estimate| estimate.second_contact)))

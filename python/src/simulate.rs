@@ -29,8 +29,8 @@ const OUTLINE_POINTS: u32 = 2880;
 const DIRECTIONS: u32 = 720;
 const SPACING_M: f64 = 0.2e-3;
 
-/// Overlap of the undeflected whisker and the object beyond which they touch, and distance beyond which they do not. The distance is
-/// computed from points of the undeflected whisker, and is too large by less than this.
+/// Overlap of the undeflected whisker and the object beyond which they touch, and distance beyond which they do not. The distance
+/// is computed from points of the undeflected whisker, and is too large by less than this.
 const CLEARANCE_M: f64 = 0.2e-3;
 
 /// Simulates a sweep of a whisker against an object, quasi-statically, without friction and without measurement noise.

@@ -43,8 +43,8 @@ impl Whisker {
 
 #[pymethods]
 impl Whisker {
-    /// Whisker with these parameters, a dictionary with the keys of `parameters`. Raises `ValueError` for a parameter of implausible size,
-    /// such as a length in mm.
+    /// Whisker with these parameters, a dictionary with the keys of `parameters`. Raises `ValueError` for a parameter of
+    /// implausible size, such as a length in mm.
     #[new]
     fn new(parameters: &Bound<'_, PyAny>) -> PyResult<Self> {
         let value = to_json("parameters", parameters)?;

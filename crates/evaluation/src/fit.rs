@@ -398,8 +398,8 @@ fn fit_face(
     Ok(FaceFits { fits, friction: without_friction.map(|without| without.friction), reference, failed })
 }
 
-/// Fits the candidates in parallel. Returns the fits of those that the data determine, at least one, and the reasons why others were
-/// left out; the only candidate is never left out.
+/// Fits the candidates in parallel. Returns the fits of those that the data determine, at least one, and the reasons why others
+/// were left out; the only candidate is never left out.
 ///
 /// # Errors
 /// If settings are invalid, or the data determine no candidate.

@@ -342,8 +342,8 @@ fn verif_stated_quantities_are_compared_with_the_deviations() {
     assert_eq!((last.mount_y_m, last.mount_y_sd_m), (Some(rows[3].estimate), Some(rows[3].sd)));
 }
 
-/// A filter places its contacts where they explain the readings, also those of a sensor with another gain, which the true contacts do
-/// not explain.
+/// A filter places its contacts where they explain the readings, also those of a sensor with another gain, which the true contacts
+/// do not explain.
 #[test]
 fn verif_residuals_at_the_estimates_are_compared_with_those_at_the_truth() {
     let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());

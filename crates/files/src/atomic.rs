@@ -77,7 +77,8 @@ impl Write for AtomicFile {
     }
 }
 
-/// Files of a folder that are replaced together: they are written into a temporary subfolder, and moved once all of them are complete.
+/// Files of a folder that are replaced together: they are written into a temporary subfolder, and moved once all of them are
+/// complete.
 #[derive(Debug)]
 pub struct StagedFiles {
     folder: PathBuf,

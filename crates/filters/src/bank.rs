@@ -59,8 +59,8 @@ impl<Part> Hypothesis<Part> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank<const N: usize, Part = Gaussian<N>> {
     hypotheses: Vec<Hypothesis<Part>>,
-    /// Shapes of the hypotheses, and for all pairs the merging loss or a lower bound of it, and whether it is the loss; and for each
-    /// hypothesis the later one with the least of these. Buffers, so that merging does not allocate.
+    /// Shapes of the hypotheses, and for all pairs the merging loss or a lower bound of it, and whether it is the loss; and for
+    /// each hypothesis the later one with the least of these. Buffers, so that merging does not allocate.
     shapes: Vec<Shape<N>>,
     losses: Vec<f64>,
     is_loss: Vec<bool>,
@@ -162,8 +162,8 @@ impl<const N: usize, Part: Belief<N>> Bank<N, Part> {
     /// dropped if at least one other can.
     ///
     /// # Errors
-    /// [`UpdateError`] if no hypothesis with a weight above zero could be updated, or the covariance of the mixture's innovation is not
-    /// positive definite; the bank is unchanged.
+    /// [`UpdateError`] if no hypothesis with a weight above zero could be updated, or the covariance of the mixture's innovation is
+    /// not positive definite; the bank is unchanged.
     pub fn update<const M: usize>(
         &mut self,
         mut update: impl FnMut(&mut Part) -> Result<Update<M>, UpdateError>,

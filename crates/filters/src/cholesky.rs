@@ -7,8 +7,8 @@ use crate::vectorised;
 /// Number of earlier columns that are subtracted from a column in one pass over it.
 const TOGETHER: usize = 4;
 
-/// Factor of a symmetric matrix, of which only the lower triangle is read. `None` unless it is positive definite. The same bits as by
-/// nalgebra, in a fraction of the time.
+/// Factor of a symmetric matrix, of which only the lower triangle is read. `None` unless it is positive definite. The same bits as
+/// by nalgebra, in a fraction of the time.
 ///
 /// # Panics
 /// If the matrix is not square.

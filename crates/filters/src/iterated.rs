@@ -79,8 +79,8 @@ struct Linearised<const N: usize, const M: usize> {
     covariance: SMatrix<f64, M, M>,
 }
 
-/// Mean `x_prior + K (z - h(x) - H (x_prior - x))`, with the predicted reading `h(x)`, `H` and `K` taken at `x` (Bell and Cathey 1993,
-/// equation 11).
+/// Mean `x_prior + K (z - h(x) - H (x_prior - x))`, with the predicted reading `h(x)`, `H` and `K` taken at `x` (Bell and Cathey
+/// 1993, equation 11).
 fn linearised<const N: usize, const M: usize>(
     prior: &Gaussian<N>,
     measurement: &impl Measurement<N, M>,

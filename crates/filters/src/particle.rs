@@ -235,8 +235,8 @@ impl<const N: usize> ParticleSet<N> {
     /// Doucet, Godsill and Andrieu 2000). Importance weights correct for the linearisation.
     ///
     /// # Errors
-    /// [`UpdateError`] as for [`Self::update`], or if the covariance of the particles is singular, or the model is undefined at every
-    /// new particle; the particle set is unchanged.
+    /// [`UpdateError`] as for [`Self::update`], or if the covariance of the particles is singular, or the model is undefined at
+    /// every new particle; the particle set is unchanged.
     pub fn update_or_renew(
         &mut self,
         measurement: &impl Measurement<N, 1>,

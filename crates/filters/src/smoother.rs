@@ -20,8 +20,8 @@ pub struct Step<const N: usize> {
 
 /// Smoothed beliefs `(x_s, P_s)` of a filter's steps, in the order of the steps: backwards from the last, with the
 /// primed quantities those of the next step, `C = P F' P'^-1`, `x_s = x + C (x'_s - x')`, `P_s = P + C (P'_s - P') C'`.
-/// Where a predicted covariance is singular or `P_s` is not positive definite, the filtered belief is kept: the recorded moments of a
-/// filter that prunes hypotheses between its steps are not those of a single linear process.
+/// Where a predicted covariance is singular or `P_s` is not positive definite, the filtered belief is kept: the recorded moments of
+/// a filter that prunes hypotheses between its steps are not those of a single linear process.
 pub fn smooth<const N: usize>(steps: &[Step<N>]) -> Vec<Gaussian<N>> {
     let mut smoothed: Vec<Gaussian<N>> = steps.iter().map(|step| step.filtered).collect();
     for k in (1..steps.len()).rev() {

@@ -14,7 +14,8 @@ use crate::map::Observed;
 /// Longest time without an answer after which a whisker counts as silent (s).
 const SILENT_S: f64 = 1.0;
 
-/// Smallest number of readings in contact without an estimate that are a warning: an estimator may wait at the beginning of a touch.
+/// Smallest number of readings in contact without an estimate that are a warning: an estimator may wait at the beginning of a
+/// touch.
 const FEW: u64 = 10;
 
 /// Measurement for a whisker from a message.
@@ -97,9 +98,9 @@ pub trait Whisker: Send {
     /// Counts of the messages so far.
     fn counters(&self) -> &live::Counters;
 
-    /// The whisker, its contact with the ellipse or ellipsoid, and in the plane the outline of the object with its band, at the last
-    /// answer, with its time (ns). `None` while poses or readings are missing at `now_s` on the clock of arrivals, and before the first
-    /// ones.
+    /// The whisker, its contact with the ellipse or ellipsoid, and in the plane the outline of the object with its band, at the
+    /// last answer, with its time (ns). `None` while poses or readings are missing at `now_s` on the clock of arrivals, and before
+    /// the first ones.
     fn shapes(&self, now_s: f64) -> Option<(u64, Vec<Shape>)>;
 
     /// State since the last call, at `now_s` on the clock of arrivals.

@@ -5,8 +5,8 @@ use std::fmt;
 /// Number of consecutive messages far behind the newest one after which the clock is taken to have been set back.
 const MOST_BEHIND: usize = 5;
 
-/// Duration (s) of the intervals of arrivals over which the smallest latency is taken. Clocks drift apart by less in this time than they
-/// jump.
+/// Duration (s) of the intervals of arrivals over which the smallest latency is taken. Clocks drift apart by less in this time than
+/// they jump.
 const INTERVAL_S: f64 = 1.0;
 
 /// Jump of the clock of a stream.
@@ -49,7 +49,8 @@ pub struct Clock {
     ahead: Ahead,
 }
 
-/// Largest time of a message relative to its arrival (s), which is that of the smallest latency, in this interval and in the last one.
+/// Largest time of a message relative to its arrival (s), which is that of the smallest latency, in this interval and in the last
+/// one.
 #[derive(Clone, Copy, Debug)]
 struct Ahead {
     since_s: f64,
@@ -78,8 +79,8 @@ impl Ahead {
 
 impl Clock {
     /// Checks the time of a message that arrives at `now_s`. A clock jumps ahead if the time of a message relative to its arrival
-    /// exceeds by `jump_s` that of the message with the smallest latency: a message after a delayed one is no jump. It jumps back if
-    /// five messages in a row lie more than `jump_s` behind the newest one.
+    /// exceeds by `jump_s` that of the message with the smallest latency: a message after a delayed one is no jump. It jumps back
+    /// if five messages in a row lie more than `jump_s` behind the newest one.
     pub fn check(&mut self, t_s: f64, now_s: f64, jump_s: f64) -> Order {
         let ahead_s = t_s - now_s;
         let Some((from_s, arrived_s)) = self.newest else {

@@ -44,8 +44,8 @@ pub enum Status {
     Stale,
     /// Its pose lies outside the plane of the estimator.
     OffPlane,
-    /// It arrived after a later reading had been used; or it is not in order, or its clock or that of the poses has jumped, and it lies
-    /// farther behind the newest pose than the smallest jump of a clock.
+    /// It arrived after a later reading had been used; or it is not in order, or its clock or that of the poses has jumped, and it
+    /// lies farther behind the newest pose than the smallest jump of a clock.
     Late,
     /// Its time had arrived before.
     Repeated,
@@ -381,8 +381,8 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
         self.is_frozen
     }
 
-    /// Compares the motion of the base with that of a robot: poses in another unit are faster. Over shorter intervals, errors of poses
-    /// and stamps would count.
+    /// Compares the motion of the base with that of a robot: poses in another unit are faster. Over shorter intervals, errors of
+    /// poses and stamps would count.
     fn check_speed(&mut self, t_s: f64, base: &K::Base, out: &mut OutputOf<K>) {
         let &mut (first_s, first) = self.interval.get_or_insert((t_s, *base));
         let duration_s = t_s - first_s;

@@ -1,8 +1,8 @@
 //! Readings that stay the same while a touched whisker moves, as of a sensor, a bus or a driver that has stopped.
 //!
-//! The noise of a fine sensor makes consecutive readings differ; equal ones are improbable. A coarse sensor, or a driver that repeats
-//! its values, has equal readings at all times. Which of the two applies follows from the stream: from the smallest change between
-//! consecutive readings, which is the resolution or less, and from the share of equal ones.
+//! The noise of a fine sensor makes consecutive readings differ; equal ones are improbable. A coarse sensor, or a driver that
+//! repeats its values, has equal readings at all times. Which of the two applies follows from the stream: from the smallest change
+//! between consecutive readings, which is the resolution or less, and from the share of equal ones.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -13,7 +13,8 @@ const LOADED: f64 = 0.05;
 /// Way of the middle of the whisker (m) within which readings may stay the same: those of a simulation without noise do at rest.
 const WAY_M: f64 = 2e-6;
 
-/// Largest resolution of a fine sensor, in standard deviations of the noise, and at least this share of the largest calibrated reading.
+/// Largest resolution of a fine sensor, in standard deviations of the noise, and at least this share of the largest calibrated
+/// reading.
 const FINE_SDS: f64 = 0.5;
 const LEAST_FINE_SHARE: f64 = 1e-5;
 
@@ -167,7 +168,8 @@ mod tests {
 
     #[test]
     fn robust_repeated_values_of_a_sound_sensor_are_not_frozen() {
-        // Resolutions from far below the noise to a tenth of the largest reading, and contacts that move with and along the whisker.
+        // Resolutions from far below the noise to a tenth of the largest reading, and contacts that move with and along the
+        // whisker.
         for speed_m_s in [0.002, 0.02, 0.1] {
             for slope_n_m_m in [0.0, 1e-4, 2e-3] {
                 for resolution_n_m in [1e-9, 2e-8, 1e-7, 3e-7, 1e-6, 5e-6] {

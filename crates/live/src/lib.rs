@@ -112,8 +112,8 @@ pub use poses::{Posed, Poses, SpatialPoses};
 pub use samples::{Lack, Sampled, Samples};
 pub use timing::Timing;
 
-/// Standard deviation of the noise (N m) of a stream: the stated one, but at least that of the sensor in the calibration. With less, a
-/// filter becomes certain of a wrong contact. `None` if neither is known.
+/// Standard deviation of the noise (N m) of a stream: the stated one, but at least that of the sensor in the calibration. With
+/// less, a filter becomes certain of a wrong contact. `None` if neither is known.
 pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {
     match (stated, of_sensor) {
         (Some(stated), Some(of_sensor)) => Some(stated.max(of_sensor)),

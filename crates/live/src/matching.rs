@@ -46,8 +46,8 @@ pub(crate) struct Matching<M, R> {
     motion: M,
     /// Times of the last settled readings.
     recent: VecDeque<f64>,
-    /// Largest time (s) of a reading with a pose behind the newest pose, and the largest that is admitted: after a jump of one of two
-    /// clocks, the poses at the times of the readings are those of other instants.
+    /// Largest time (s) of a reading with a pose behind the newest pose, and the largest that is admitted: after a jump of one of
+    /// two clocks, the poses at the times of the readings are those of other instants.
     lag_s: f64,
     most_lag_s: f64,
 }

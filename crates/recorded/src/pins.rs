@@ -133,8 +133,8 @@ impl Mounting {
     }
 }
 
-/// Rows of the first touch, and before them the last row without contact. A touch with which the recording begins is left out, since
-/// it has no such row. `None` if there is no other.
+/// Rows of the first touch, and before them the last row without contact. A touch with which the recording begins is left out,
+/// since it has no such row. `None` if there is no other.
 pub(crate) fn touch_rows(norms: impl IntoIterator<Item = f64>, least: f64) -> Option<Range<usize>> {
     let touches: Vec<bool> = norms.into_iter().map(|norm| norm > least).collect();
     let next = |from: usize, touch: bool| (from..touches.len()).find(|&row| touches[row] == touch);
@@ -142,8 +142,8 @@ pub(crate) fn touch_rows(norms: impl IntoIterator<Item = f64>, least: f64) -> Op
     Some(first - 1..next(first, false).unwrap_or(touches.len()))
 }
 
-/// Readings of a pin in World, whose origin is the pin; the first is the last one before the touch. `None` if the pin never touches,
-/// or for less than three readings.
+/// Readings of a pin in World, whose origin is the pin; the first is the last one before the touch. `None` if the pin never
+/// touches, or for less than three readings.
 pub fn touch(rows: &[importers::Labelled], least_counts: f64) -> Option<Vec<Reading>> {
     readings(rows, touch_rows(rows.iter().map(|row| row.counts.norm()), least_counts)?)
 }

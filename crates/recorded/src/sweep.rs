@@ -25,8 +25,8 @@ pub struct SweepSettings {
     pub normal: f64,
     /// Standard deviation of the change of the contact's motion between two rows, relative to the motion of the sensor.
     pub smooth: f64,
-    /// Standard deviation of the contact's motion along the surface while it is followed row by row, and in the first iterations for all
-    /// rows together, relative to the motion of the sensor.
+    /// Standard deviation of the contact's motion along the surface while it is followed row by row, and in the first iterations
+    /// for all rows together, relative to the motion of the sensor.
     pub slip: f64,
     /// Scale of the Laplace distribution of this motion in the last iterations, relative to the motion of the sensor.
     pub slide: f64,
@@ -93,8 +93,8 @@ pub fn normal(predictor: &Predictor<'_>, root_m: &Vector3<f64>, contact_m: &Vect
 pub struct SweptContact {
     /// Contact on the centre line (m).
     pub contact_m: Vector3<f64>,
-    /// Posterior covariance (m2). The standard deviation of a reading, most of which is that of the sensor model, counts twice: as an
-    /// error of each reading, and as one that all readings have in common, relative to their standard deviations.
+    /// Posterior covariance (m2). The standard deviation of a reading, most of which is that of the sensor model, counts twice: as
+    /// an error of each reading, and as one that all readings have in common, relative to their standard deviations.
     pub covariance_m2: Matrix3<f64>,
 }
 
@@ -111,8 +111,8 @@ const FOLLOWING: usize = 3;
 /// Contacts in World of every row of a touch, whose first reading is the last one before it. `None` for contacts outside the
 /// calibrated domain.
 ///
-/// A contact that jumps, as from point to point of a star, is lost and found again: the rows between two jumps have their own batch. The
-/// covariance along the surface is a lower bound, since the Laplace distribution of the motion has a sharp peak.
+/// A contact that jumps, as from point to point of a star, is lost and found again: the rows between two jumps have their own
+/// batch. The covariance along the surface is a lower bound, since the Laplace distribution of the motion has a sharp peak.
 pub fn contacts(
     predictor: &Predictor<'_>,
     root_m: &Vector3<f64>,
@@ -165,11 +165,11 @@ pub fn contacts(
 /// Which model of the motion is solved.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
-    /// Row by row, and at first all rows together: each step holds the normals and is taken, so that it leaves local minima, and the
-    /// motion along the surface has a Gaussian distribution.
+    /// Row by row, and at first all rows together: each step holds the normals and is taken, so that it leaves local minima, and
+    /// the motion along the surface has a Gaussian distribution.
     Following,
-    /// All rows together, with a Laplace distribution, because a contact stays on an edge and slides on a face. Small motions are not
-    /// spread over many rows, and a motion in one direction costs the same however it is distributed.
+    /// All rows together, with a Laplace distribution, because a contact stays on an edge and slides on a face. Small motions are
+    /// not spread over many rows, and a motion in one direction costs the same however it is distributed.
     Batch,
 }
 
@@ -203,8 +203,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Extends new contacts that begin at the end of `earlier` backwards over its last rows, as long as they explain a row better than
-    /// the previous contact, which is lost only some rows after a jump. Returns the first row.
+    /// Extends new contacts that begin at the end of `earlier` backwards over its last rows, as long as they explain a row better
+    /// than the previous contact, which is lost only some rows after a jump. Returns the first row.
     fn reach_back(
         &self,
         rows: &[Reading],
@@ -267,8 +267,8 @@ impl Sweep<'_> {
         Some(reading.rotation * normal(self.predictor, self.root_m, &reading.to_sensor(place))?)
     }
 
-    /// Refines the contacts of consecutive rows. While a contact is followed, the method is that of Gauss and Newton with the normals held
-    /// in each step; in the batch, that of Levenberg and Marquardt. If `is_tied`, the first contact is held.
+    /// Refines the contacts of consecutive rows. While a contact is followed, the method is that of Gauss and Newton with the
+    /// normals held in each step; in the batch, that of Levenberg and Marquardt. If `is_tied`, the first contact is held.
     fn solve(&self, rows: &[Reading], places: &mut [Vector3<f64>], iterations: usize, is_tied: bool) {
         /// Decrease of the cost, and norm of a step (m), below which a search has converged.
         const LEAST_GAIN: f64 = 0.5e-3;

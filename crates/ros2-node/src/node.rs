@@ -81,8 +81,9 @@ struct Blocked {
 }
 
 impl Dropped {
-    /// Writes a message. If there is no room for it, it is dropped, and so are those of the next [`PAUSE`] without a wait: a subscriber
-    /// that has vanished is known as such only after seconds, and each wait would delay all whiskers. The first one of a topic is noted.
+    /// Writes a message. If there is no room for it, it is dropped, and so are those of the next [`PAUSE`] without a wait: a
+    /// subscriber that has vanished is known as such only after seconds, and each wait would delay all whiskers. The first one of a
+    /// topic is noted.
     fn write<M: fmt::Debug>(
         &mut self,
         topic: &str,

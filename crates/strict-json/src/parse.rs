@@ -9,8 +9,8 @@ use crate::{list_for_object, shown};
 /// Byte order mark that editors on Windows write before UTF-8.
 const MARK: &[u8] = b"\xEF\xBB\xBF";
 
-/// Parses JSON into a typed value. Skips a byte order mark at the beginning. Rejects objects with duplicate keys, and lists where an
-/// object is expected, which serde would assign to the fields in declaration order.
+/// Parses JSON into a typed value. Skips a byte order mark at the beginning. Rejects objects with duplicate keys, and lists where
+/// an object is expected, which serde would assign to the fields in declaration order.
 ///
 /// # Errors
 /// Syntax or type errors with line and column; duplicate keys and lists with their place.

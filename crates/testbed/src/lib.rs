@@ -5,8 +5,8 @@
 //! ```
 //!
 //! The estimators and sensor models are those of the crate `whisker`, the traces those of the crate `trace`. This crate
-//! replays single traces through the estimators, compares the estimates with the ground truth, and defines the files of results. Whole
-//! data sets are fitted and evaluated by the crate `evaluation`.
+//! replays single traces through the estimators, compares the estimates with the ground truth, and defines the files of results.
+//! Whole data sets are fitted and evaluated by the crate `evaluation`.
 //!
 //! | module | contents |
 //! | --- | --- |

@@ -159,8 +159,8 @@ pub fn signals(touch: TouchConfig, knowledge: &Knowledge, samples: &[Sample]) ->
     samples.iter().map(|sample| detector.judge(sample.reading_n_m, sample.dt_s)).collect()
 }
 
-/// Detects contact at each sample, and subtracts the rest reading from all samples in place. Returns the face in contact at each sample,
-/// `None` while the whisker is free.
+/// Detects contact at each sample, and subtracts the rest reading from all samples in place. Returns the face in contact at each
+/// sample, `None` while the whisker is free.
 pub fn detect_contact(touch: TouchConfig, knowledge: &Knowledge, samples: &mut [Sample]) -> Vec<Option<Face>> {
     let mut detector = ContactDetector::new(touch, &knowledge.sensing());
     let touched = samples.iter().map(|sample| detector.step(sample.reading_n_m, sample.dt_s)).collect();

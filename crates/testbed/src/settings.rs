@@ -6,8 +6,8 @@ use anyhow::{Context, anyhow, bail};
 use serde_json::Value;
 use whisker::estimators::with_defaults;
 
-/// Context of an error in the settings of an estimator, of the contact detection or of the map: their name. Commands recognise by it
-/// an error that belongs to the file of the settings.
+/// Context of an error in the settings of an estimator, of the contact detection or of the map: their name. Commands recognise by
+/// it an error that belongs to the file of the settings.
 #[derive(Clone, Debug)]
 pub struct SettingsOf(pub String);
 

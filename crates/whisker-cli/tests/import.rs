@@ -67,8 +67,8 @@ impl Rig {
         -40.0 - 2e7 * moment_n_m - 5e14 * moment_n_m.powi(3)
     }
 
-    /// Readings of both channels (counts) with a pin that holds the wire at this offset from the reference (mm), of a sensor that is
-    /// turned about the whisker.
+    /// Readings of both channels (counts) with a pin that holds the wire at this offset from the reference (mm), of a sensor that
+    /// is turned about the whisker.
     fn counts_in_space(&self, [x_mm, y_mm, z_mm]: [f64; 3]) -> [f64; 2] {
         let pin = self.base.apply(Point::new(1e-3 * x_mm, 1e-3 * y_mm));
         let contact = self.rod.at_point(Vector3::new(pin.x(), pin.y(), 1e-3 * z_mm));

@@ -1,8 +1,8 @@
 //! Test whether a contact that was lost is there again, on an object at rest that is known.
 //!
-//! The belief about the object predicts a contact on the whisker's side, and its reading. Otherwise the whisker is free, with a reading
-//! about zero, or it oscillates or bears on its tip, and the reading may have any calibrated value. The likelihoods of both give the
-//! odds of a contact.
+//! The belief about the object predicts a contact on the whisker's side, and its reading. Otherwise the whisker is free, with a
+//! reading about zero, or it oscillates or bears on its tip, and the reading may have any calibrated value. The likelihoods of both
+//! give the odds of a contact.
 
 use filters::Innovation;
 use nalgebra::{SMatrix, SVector};

@@ -42,8 +42,8 @@ pub(crate) fn to_json(settings: &impl Serialize) -> Value {
 /// Key that names the variant of a settings object.
 const KIND: &str = "kind";
 
-/// Settings merged with their defaults at every depth: a key that is absent takes its default. An object whose `kind` differs from that
-/// of its default replaces the default as a whole. Keys that have no default are kept, so that parsing rejects them by name.
+/// Settings merged with their defaults at every depth: a key that is absent takes its default. An object whose `kind` differs from
+/// that of its default replaces the default as a whole. Keys that have no default are kept, so that parsing rejects them by name.
 pub fn with_defaults(settings: &Map<String, Value>, mut defaults: Value) -> Value {
     let Some(all) = defaults.as_object_mut() else { return Value::Object(settings.clone()) };
     if settings.get(KIND).is_some_and(|kind| all.get(KIND) != Some(kind)) {

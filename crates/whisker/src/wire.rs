@@ -45,8 +45,8 @@ pub struct Whisker {
     pub root_stiffness_n_m_rad: f64,
     /// Segments of the simulated chain.
     pub segments: u32,
-    /// Ratio of damping to stiffness: of the joints of the simulated chain, and of the wire, for whose lag the fits in space correct.
-    /// Zero if it is not known.
+    /// Ratio of damping to stiffness: of the joints of the simulated chain, and of the wire, for whose lag the fits in space
+    /// correct. Zero if it is not known.
     pub damping_s: f64,
 }
 
@@ -64,7 +64,8 @@ impl Plausible {
     }
 }
 
-/// Diameters, modulus and density are those of scenes. The root is softer than any suspension, or practically clamped, beyond its range.
+/// Diameters, modulus and density are those of scenes. The root is softer than any suspension, or practically clamped, beyond its
+/// range.
 const PLAUSIBLE: [Plausible; 6] = [
     Plausible::new("length_m", |of| of.length_m, [1e-3, 1.0], "1e-3 to 1 m"),
     Plausible::new("root_diameter_m", |of| of.root_diameter_m, [1e-6, 0.1], "1e-6 to 0.1 m"),
@@ -87,8 +88,8 @@ pub struct Invalid {
 }
 
 impl Whisker {
-    /// The first parameter in which this whisker differs from an expected one, with both values, for error messages. `None` if they are
-    /// equal.
+    /// The first parameter in which this whisker differs from an expected one, with both values, for error messages. `None` if they
+    /// are equal.
     pub fn difference(&self, expected: &Self) -> Option<String> {
         let [found, expected] =
             [self, expected].map(|whisker| serde_json::to_value(whisker).expect("numbers and names"));

@@ -36,8 +36,8 @@ fn shaken(knowledge: &Knowledge, duration_s: f64, seed: u64) -> Vec<(Pose<Base, 
     samples(knowledge, duration_s, |_| true).into_iter().map(shake).collect()
 }
 
-/// Means of NIS and NEES over some trials, after two seconds. `recommended` takes single samples: in the means of blocks the error of
-/// the sensor model, which these readings do not have, would outweigh the noise.
+/// Means of NIS and NEES over some trials, after two seconds. `recommended` takes single samples: in the means of blocks the error
+/// of the sensor model, which these readings do not have, would outweigh the noise.
 fn means(name: &str, knowledge: &Arc<Knowledge>) -> (f64, f64) {
     let row = estimators::estimator(name).unwrap();
     let (mut nis, mut nees) = (Vec::new(), Vec::new());

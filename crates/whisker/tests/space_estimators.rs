@@ -48,8 +48,8 @@ fn stroke_to_base(row: u32) -> Pose<World, Base> {
     Pose::<Base, World>::new(position, Rotation3::identity()).inverse()
 }
 
-/// A push from -0.5 to 4 mm in 0.5 s, then strokes of 16 mm across the whisker while it turns by up to 0.25 rad to either side about a
-/// contact at 40 mm.
+/// A push from -0.5 to 4 mm in 0.5 s, then strokes of 16 mm across the whisker while it turns by up to 0.25 rad to either side
+/// about a contact at 40 mm.
 fn turning_to_base(row: u32) -> Pose<World, Base> {
     let t_s = f64::from(row) / RATE_HZ;
     let push = 0.5 - 0.5 * (std::f64::consts::PI * (t_s / 0.5).min(1.0)).cos();
@@ -87,8 +87,8 @@ fn touched(
     at(*shift_m)
 }
 
-/// Contact of a damped whisker with a line. The force on the line is the elastic force plus the ratio of damping to stiffness `lag_s`
-/// times its rate of change since the last row, at which it was `before_n`.
+/// Contact of a damped whisker with a line. The force on the line is the elastic force plus the ratio of damping to stiffness
+/// `lag_s` times its rate of change since the last row, at which it was `before_n`.
 fn touched_with_lag(
     rod: &Rod,
     to_base: &Pose<World, Base>,
@@ -297,8 +297,8 @@ fn verif_hindsight_locates_another_object_at_the_next_touch_from_its_beginning()
     assert!(wrong < revised.len() / 5, "{wrong} of {}", revised.len());
 }
 
-/// Two touches of a rod, between which the whisker is free, with a reading beyond the gate in the first one, by a sensor whose mounting
-/// deviates.
+/// Two touches of a rod, between which the whisker is free, with a reading beyond the gate in the first one, by a sensor whose
+/// mounting deviates.
 #[test]
 fn verif_hindsight_revises_a_touch_when_it_has_ended() {
     const GATED: usize = 200;

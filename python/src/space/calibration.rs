@@ -44,15 +44,15 @@ pub(crate) fn load_spatial_calibration(py: Python<'_>, path: PathBuf) -> PyResul
 
 /// Fits the sensor models of a whisker in space to calibration data and chooses the best by cross-validation.
 ///
-/// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on the
-/// centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker. Each is
-/// compared with the models fitted without it and its neighbours. `models` are names of sensor models in space: `polynomial`, `rod`
-/// and `gaussian-process`. The default is `polynomial` and `rod` or, with `real_sensor`, `polynomial` and `gaussian-process`, whose
-/// fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings (N m). `real_sensor` states that
-/// the readings are those of a real sensor: the estimators then allow for errors that are correlated along the path of a contact,
-/// and `recommended` for contacts that friction holds in place and for a mounting that deviates from that of the calibration.
-/// Contacts whose coordinates about the whisker are not unique, and those whose readings contradict those of all others, are then
-/// left out.
+/// `lines` holds the data of each line along which a pin was pressed: `[(contacts, readings), ...]`, with the contacts (n, 3) on
+/// the centre line in Base (m) and the bending moments (n, 2) about y and z of Base in N m. The lines must surround the whisker.
+/// Each is compared with the models fitted without it and its neighbours. `models` are names of sensor models in space:
+/// `polynomial`, `rod` and `gaussian-process`. The default is `polynomial` and `rod` or, with `real_sensor`, `polynomial` and
+/// `gaussian-process`, whose fit takes about a minute. `noise_sd_n_m` is the standard deviation of the noise in the readings (N m).
+/// `real_sensor` states that the readings are those of a real sensor: the estimators then allow for errors that are correlated
+/// along the path of a contact, and `recommended` for contacts that friction holds in place and for a mounting that deviates from
+/// that of the calibration. Contacts whose coordinates about the whisker are not unique, and those whose readings contradict those
+/// of all others, are then left out.
 ///
 /// A model that the data do not determine is left out. If none is left, `ValueError` states the reasons.
 #[pyfunction]

@@ -142,8 +142,8 @@ impl SpatialEstimator {
         Ok(estimate.map(|estimate| SpatialEstimate::new(estimate, &self.knowledge)))
     }
 
-    /// Takes one sample given by the time (s), the pose of the base in World (x, y, z in m and a unit quaternion w, x, y, z) and the
-    /// bending moments about y and z of Base (N m).
+    /// Takes one sample given by the time (s), the pose of the base in World (x, y, z in m and a unit quaternion w, x, y, z) and
+    /// the bending moments about y and z of Base (N m).
     ///
     /// The times must ascend. An estimator takes its samples either by `step` or by `update`.
     fn update(&self, t_s: f64, base: [f64; 7], reading_n_m: [f64; 2]) -> PyResult<Option<SpatialEstimate>> {

@@ -9,7 +9,8 @@ use crate::arrays::{Numbers, column, numbers, rows, vectors};
 
 /// Sensor with two channels of a calibration in space: its counts as a function of the bending moments at the root.
 ///
-/// A sensor comes from `SpatialCalibration.sensor`. The counts above those at rest are `C M`, with the moments M about y and z of Base.
+/// A sensor comes from `SpatialCalibration.sensor`. The counts above those at rest are `C M`, with the moments M about y and z of
+/// Base.
 #[pyclass(frozen, module = "whisker_contact")]
 pub(crate) struct BendingSensor {
     pub(super) file: File,

@@ -23,8 +23,8 @@ type Points<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<
 
 /// The surface of an object, estimated from touched points and their normals: a Gaussian process implicit surface.
 ///
-/// `length_m` is the length scale, 0.0001 to 1 (m), about twice the radius of curvature of the object. `SpatialSurface.fit` chooses it.
-/// Raises `ValueError` for another one.
+/// `length_m` is the length scale, 0.0001 to 1 (m), about twice the radius of curvature of the object. `SpatialSurface.fit` chooses
+/// it. Raises `ValueError` for another one.
 #[pyclass(module = "whisker_contact")]
 pub(crate) struct SpatialSurface {
     surface: ImplicitSurface,
@@ -80,13 +80,13 @@ impl SpatialSurface {
         Ok(Self { surface: ImplicitSurface::new(length_m) })
     }
 
-    /// The surface of touched points (n, 3) in World (m), unit normals (n, 3) out of the object, covariances (n, 3, 3) of the points in
-    /// World (m2), standard deviations (n) of the normals (rad), and numbers (n) of the touches, with the length scale that has the
-    /// largest evidence. A replay has the first three as `surface_world`, `normal_world` and `covariance_world_m2`.
+    /// The surface of touched points (n, 3) in World (m), unit normals (n, 3) out of the object, covariances (n, 3, 3) of the
+    /// points in World (m2), standard deviations (n) of the normals (rad), and numbers (n) of the touches, with the length scale
+    /// that has the largest evidence. A replay has the first three as `surface_world`, `normal_world` and `covariance_world_m2`.
     ///
-    /// Errors of one touch are common to its points. Of more than 120 points, the most certain one of each touch in each cell of 1 mm, or
-    /// more, is used. Raises `ValueError` for arrays of different lengths, matrices that are no covariances, negative standard deviations,
-    /// and normals that are no unit vectors.
+    /// Errors of one touch are common to its points. Of more than 120 points, the most certain one of each touch in each cell of 1
+    /// mm, or more, is used. Raises `ValueError` for arrays of different lengths, matrices that are no covariances, negative
+    /// standard deviations, and normals that are no unit vectors.
     #[staticmethod]
     fn fit(
         py: Python<'_>,
@@ -101,8 +101,8 @@ impl SpatialSurface {
         Ok(Self { surface: surface.expect("there are lengths") })
     }
 
-    /// Adds points, with arguments as for `fit`. A point is not used if another one of its touch is less than 1 mm away and nearly as
-    /// certain. The time for each point grows with the square of the number of points used.
+    /// Adds points, with arguments as for `fit`. A point is not used if another one of its touch is less than 1 mm away and nearly
+    /// as certain. The time for each point grows with the square of the number of points used.
     fn add(
         &mut self,
         py: Python<'_>,
@@ -144,8 +144,8 @@ impl SpatialSurface {
         Ok((values, column(py, levels.iter().map(|level| Some(level.sd_m)))))
     }
 
-    /// Projections (n, 3) of points (n, 3) in World (m) onto the surface, along its gradient, their unit normals (n, 3) out of the object, and the
-    /// standard deviations (n) of the surface along them (m). NaN where there is no surface nearby.
+    /// Projections (n, 3) of points (n, 3) in World (m) onto the surface, along its gradient, their unit normals (n, 3) out of the
+    /// object, and the standard deviations (n) of the surface along them (m). NaN where there is no surface nearby.
     fn project<'py>(&self, py: Python<'py>, points: Numbers<'_>) -> PyResult<Points<'py>> {
         let points = rows::<3>("points", &points)?;
         let mut found: Vec<Option<ProjectedPoint>> = Vec::with_capacity(points.len());

@@ -64,8 +64,8 @@ pub(crate) const OTHERS: &str = "the folder of others by --calibrations";
 /// Evaluates and writes `<results>/<name>/`, unless an up-to-date run is there. An evaluation that was interrupted
 /// resumes if its inputs are the same. A finished run with the same settings is replaced, when its traces, its
 /// calibrations or the code have changed; one with other settings only if the settings say so. A run in which an
-/// external program failed, or a run of programs that is to be replaced in any case, is never up to date: what a program imports is not
-/// known.
+/// external program failed, or a run of programs that is to be replaced in any case, is never up to date: what a program imports is
+/// not known.
 ///
 /// # Errors
 /// If inputs cannot be read or contradict one another, a finished run has other settings, no trial can be scored, or

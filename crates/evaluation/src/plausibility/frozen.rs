@@ -7,8 +7,8 @@ use whisker::frames::Point;
 use super::moment::{bending, largest_bending};
 use super::{Finding, Subject, median};
 
-/// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings are
-/// a finding.
+/// Smallest duration (s), number of rows, way of the whisker's middle (m) and share of the largest moment at which equal readings
+/// are a finding.
 const DURATION_S: f64 = 0.2;
 const ROWS: usize = 10;
 const WAY_M: f64 = 2e-3;

@@ -5,8 +5,8 @@
 //! error that causes a disagreement. The bounds lie far outside the values of the project's suites; a test without the
 //! data that it requires has no findings.
 //!
-//! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`]. Traces in space have their own
-//! registry, [`SPATIAL_TESTS`].
+//! To add a test: one file with a function from a [`Subject`] to its [`Finding`]s, and one row in [`TESTS`]. Traces in space have
+//! their own registry, [`SPATIAL_TESTS`].
 
 mod frozen;
 mod mechanics;

@@ -37,7 +37,8 @@ pub struct SpatialTest {
     pub name: &'static str,
     /// One-line description.
     pub about: &'static str,
-    /// Whether the test is run only if the others find nothing: it responds to errors of every kind and does not identify the cause.
+    /// Whether the test is run only if the others find nothing: it responds to errors of every kind and does not identify the
+    /// cause.
     is_last: bool,
     find: fn(&SpatialTrace) -> Option<Finding>,
 }
@@ -223,8 +224,8 @@ fn equilibrium(trace: &SpatialTrace) -> Option<Finding> {
     })
 }
 
-/// Compares the bending moments with those of the rod through the known contacts. In a trial of a real sensor they also differ if it
-/// was mounted anew since its calibration.
+/// Compares the bending moments with those of the rod through the known contacts. In a trial of a real sensor they also differ if
+/// it was mounted anew since its calibration.
 fn mechanics(trace: &SpatialTrace) -> Option<Finding> {
     if trace.sidecar.recorded.is_some() && trace.sidecar.role != Role::Calibration {
         return None;

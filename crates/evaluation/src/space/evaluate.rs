@@ -55,8 +55,8 @@ pub struct SpatialEvaluateSettings {
 pub(super) type Calibrations = BTreeMap<String, (PathBuf, SpatialCalibrationFile)>;
 
 impl SpatialEvaluateSettings {
-    /// Calibrations of the whiskers of a dataset's trials. They were fitted to the present calibration traces, to all of those of the
-    /// dataset if they lie beside them.
+    /// Calibrations of the whiskers of a dataset's trials. They were fitted to the present calibration traces, to all of those of
+    /// the dataset if they lie beside them.
     ///
     /// # Errors
     /// As [`read_fitted`] and [`check_fitted_to_all`], and if a sidecar cannot be read.
@@ -146,8 +146,8 @@ pub fn evaluate(
     evaluate_keeping(dataset, settings, &settings.calibrations(dataset)?, None, progress)
 }
 
-/// As [`evaluate()`], with calibrations that have been read, and writes the estimates with the first seed, at up to [`KEPT`] instants of
-/// every trial, into the folder of a run.
+/// As [`evaluate()`], with calibrations that have been read, and writes the estimates with the first seed, at up to [`KEPT`]
+/// instants of every trial, into the folder of a run.
 pub(super) fn evaluate_keeping(
     dataset: &Dataset,
     settings: &SpatialEvaluateSettings,

@@ -47,8 +47,8 @@ pub struct SpatialFitted {
     pub path: PathBuf,
     /// Whether it was computed. `false` if an up-to-date file was found.
     pub is_new: bool,
-    /// Contacts that cannot be fitted and candidates that the data do not determine, with the reasons. Empty if an up-to-date file was
-    /// found.
+    /// Contacts that cannot be fitted and candidates that the data do not determine, with the reasons. Empty if an up-to-date file
+    /// was found.
     pub left_out: Vec<String>,
     /// Reason why the calibration of recordings has no sensor. `None` if it has one, or an up-to-date file was found.
     pub no_sensor: Option<String>,
@@ -212,8 +212,8 @@ impl WhiskerFit<'_> {
         Ok(calibration_watermark(inputs.iter().map(String::as_str)))
     }
 
-    /// Calibrates the sensor and reads the lines of contacts of all traces through it. Noise is relative to the largest reading; `place`
-    /// names the whisker in errors.
+    /// Calibrates the sensor and reads the lines of contacts of all traces through it. Noise is relative to the largest reading;
+    /// `place` names the whisker in errors.
     fn read(
         &self,
         traces: &[SpatialTrace],

@@ -36,9 +36,9 @@ pub struct Mounted {
 /// mounting.
 ///
 /// # Errors
-/// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a trace
-/// states no contact, the contacts do not determine the mounting, the touches contradict one another, or `out` exists and is not a
-/// calibration in space.
+/// If a file cannot be read, two traces are the same, the calibration is one of another whisker or of the counts of a sensor, a
+/// trace states no contact, the contacts do not determine the mounting, the touches contradict one another, or `out` exists and is
+/// not a calibration in space.
 pub fn mount(calibration: &Path, traces: &[PathBuf], out: &Path) -> anyhow::Result<Mounted> {
     check_replaces_calibration(out, SPATIAL_FORMAT)?;
     let file = read_calibration(calibration)?;

@@ -113,8 +113,8 @@ fn front_end(run: &SpatialRun) -> String {
     run.front_end.as_ref().map_or_else(|| SPATIAL_FRONT_ENDS[0].name.into(), |of| format!("{} {}", of.name, of.config))
 }
 
-/// Mountings of a run, for messages: for each whisker with a learnt mounting, the traces from which it was learnt and the first digits of
-/// the hash of their data.
+/// Mountings of a run, for messages: for each whisker with a learnt mounting, the traces from which it was learnt and the first
+/// digits of the hash of their data.
 fn mountings(run: &SpatialRun) -> String {
     let learnt = run.calibrations.iter().filter_map(|of| Some((&of.whisker, of.mounting.as_ref()?)));
     let learnt = learnt.map(|(whisker, SpatialRunMounting { traces, data_sha256 })| {

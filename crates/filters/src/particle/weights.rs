@@ -30,8 +30,8 @@ pub(super) struct Sums {
     pub(super) largest_log: f64,
 }
 
-/// Writes the logarithms of the updated weights, up to a common constant, for a constant noise variance. A residual is NaN where the
-/// model is undefined.
+/// Writes the logarithms of the updated weights, up to a common constant, for a constant noise variance. A residual is NaN where
+/// the model is undefined.
 pub(super) fn log_weights_constant_noise(
     residuals: &StateArray<1>,
     variance: f64,
@@ -41,8 +41,8 @@ pub(super) fn log_weights_constant_noise(
     vectorised!(simd => log_weights_constant_noise_by(simd, residuals, variance, before, logs))
 }
 
-/// Writes the logarithms of the updated weights, up to a common constant, for a noise variance per particle. A residual is NaN where
-/// the model is undefined.
+/// Writes the logarithms of the updated weights, up to a common constant, for a noise variance per particle. A residual is NaN
+/// where the model is undefined.
 pub(super) fn log_weights(residuals: &StateArray<1>, variances: &[f64], before: Before<'_>, logs: &mut [f64]) -> Sums {
     vectorised!(simd => log_weights_by(simd, residuals, variances, before, logs))
 }

@@ -2,8 +2,8 @@
 //!
 //! [`mapping`] names the columns with their units, signs and frames; [`columns`] and [`topics`] read them as [`series`]
 //! over time, which [`recording`] resamples to equal intervals. The differences between recordings in the plane and in space
-//! are those of a [`Geometry`]: the keys of pose, reading and contact, the conversion of the readings to moments, and the trace. The
-//! contact on the centre line follows from the axis and the radius of the pin that was touched. `docs/own-data.md`
+//! are those of a [`Geometry`]: the keys of pose, reading and contact, the conversion of the readings to moments, and the trace.
+//! The contact on the centre line follows from the axis and the radius of the pin that was touched. `docs/own-data.md`
 //! specifies the mapping.
 
 pub(crate) mod columns;
@@ -83,8 +83,8 @@ pub(crate) trait Geometry: Clone + Debug {
         clock_s: &[f64],
     ) -> Result<Vec<Option<Self::Place>>, Error>;
 
-    /// Sensor as stated by the mapping, or fitted to the calibration, and a remark about it. The whisker touches if the reading differs
-    /// from rest by more than `touch`.
+    /// Sensor as stated by the mapping, or fitted to the calibration, and a remark about it. The whisker touches if the reading
+    /// differs from rest by more than `touch`.
     ///
     /// # Errors
     /// [`Error`] if the recordings do not determine it.
@@ -94,7 +94,8 @@ pub(crate) trait Geometry: Clone + Debug {
         touch: f64,
     ) -> Result<(Self::Sensor, Option<String>), Error>;
 
-    /// Adds the trace of a recording. Returns the number of rows whose reading is that of a touch, but of which no contact is found.
+    /// Adds the trace of a recording. Returns the number of rows whose reading is that of a touch, but of which no contact is
+    /// found.
     ///
     /// # Errors
     /// [`Error`] if a reader of the trace would refuse it.
@@ -199,8 +200,8 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     Ok(imported)
 }
 
-/// Checks that the recording at this place of the mapping is none of those before it: a copy of a calibration would not be held out,
-/// one of a trial be scored twice.
+/// Checks that the recording at this place of the mapping is none of those before it: a copy of a calibration would not be held
+/// out, one of a trial be scored twice.
 fn check_new<G: Geometry>(
     laboratory: &Laboratory<'_, G>,
     place: usize,

@@ -419,8 +419,9 @@ impl Columns<'_> {
         pairs.filter(|(wanted, _)| !wanted.may_be_empty).map(|(_, series)| series).collect()
     }
 
-    /// Values of a quantity (SI units) at increasing times. `None` where the recording has no value, or where the samples around the
-    /// time are farther apart than the longest gap; of the columns that must be complete, such times are not among those of the grid.
+    /// Values of a quantity (SI units) at increasing times. `None` where the recording has no value, or where the samples around
+    /// the time are farther apart than the longest gap; of the columns that must be complete, such times are not among those of the
+    /// grid.
     pub(super) fn at<U: Unit>(&self, quantity: &Quantity<U>, clock_s: &[f64]) -> Vec<Option<f64>> {
         match &quantity.column {
             Some(name) => {

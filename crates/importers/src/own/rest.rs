@@ -35,8 +35,8 @@ pub(super) struct AtRest {
     pub(super) noise_sd: f64,
     /// Change of the reading from the first to the second half of the time at rest (medians). 0 if rest is stated.
     pub(super) change: f64,
-    /// Share of consecutive readings that are equal although the resolution does not explain it, as of a sensor that is slower than the
-    /// recording. 0 if there are none, or if the noise is stated.
+    /// Share of consecutive readings that are equal although the resolution does not explain it, as of a sensor that is slower than
+    /// the recording. 0 if there are none, or if the noise is stated.
     pub(super) repeats: f64,
 }
 
@@ -98,8 +98,8 @@ fn resolution(series: &Series) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// Share of consecutive readings that are equal. 0 if chance or the resolution explains it: of normal noise with a standard deviation
-/// of s resolutions, a share of 0.28 / s is equal, or more if s is small.
+/// Share of consecutive readings that are equal. 0 if chance or the resolution explains it: of normal noise with a standard
+/// deviation of s resolutions, a share of 0.28 / s is equal, or more if s is small.
 fn repeats(readings: &[f64], rest: f64, resolution: f64) -> f64 {
     let equal = readings.windows(2).filter(|pair| pair[0] == pair[1]).count();
     let share = equal as f64 / (readings.len() - 1) as f64;

@@ -147,8 +147,8 @@ impl Series {
         Err(table_error(path, &[column], glitch.line, glitch.found(unit), expected))
     }
 
-    /// The single values that differ from both their neighbours, in the same direction, by more than `least`, by more than ten times
-    /// the steps of the series elsewhere, and by more than a motion of the speed `fastest` covers between the samples.
+    /// The single values that differ from both their neighbours, in the same direction, by more than `least`, by more than ten
+    /// times the steps of the series elsewhere, and by more than a motion of the speed `fastest` covers between the samples.
     pub(crate) fn glitches(&self, least: f64, fastest: f64) -> impl Iterator<Item = Glitch> {
         let clock = &self.clock;
         let known: Vec<(usize, f64)> =
@@ -196,7 +196,8 @@ impl Series {
         flags.at(times_s).into_iter().map(|share| share.is_some_and(|share| share > 0.0)).collect()
     }
 
-    /// Values of the last samples before or at increasing times. `None` before the first sample, or if the recording has no value there.
+    /// Values of the last samples before or at increasing times. `None` before the first sample, or if the recording has no value
+    /// there.
     pub(crate) fn held(&self, times_s: &[f64]) -> Vec<Option<f64>> {
         let own = &self.clock.times_s;
         let last = |time_s: &f64| {

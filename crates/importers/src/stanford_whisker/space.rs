@@ -320,9 +320,9 @@ fn mesh(
     Ok(known.get(file).cloned())
 }
 
-/// The mesh of a file in the frame of the objects (m). A mesh above the plane z = 0 instead of below it is taken for one of an object
-/// that was mounted upside down: half a turn brings it below. Of the turns about x and y, that about y is the one after which the
-/// published readings lie on the star. A reflection at the plane would exchange left and right.
+/// The mesh of a file in the frame of the objects (m). A mesh above the plane z = 0 instead of below it is taken for one of an
+/// object that was mounted upside down: half a turn brings it below. Of the turns about x and y, that about y is the one after
+/// which the published readings lie on the star. A reflection at the plane would exchange left and right.
 fn placed(path: &Path) -> Result<Vec<Triangle>, Error> {
     let triangles = mesh::triangles(path)?;
     let extent = |axis: usize| {

@@ -12,8 +12,8 @@ use crate::timing::Timing;
 
 /// Conversion of the counts of a whisker in space into both bending moments.
 ///
-/// In the first `zeroing_s` the whisker is free: the mean of its counts is the zero. The zeroing is repeated if the counts have changed
-/// by more than a free whisker's, or if the clock is set back to before its end, as by [`super::Counts`].
+/// In the first `zeroing_s` the whisker is free: the mean of its counts is the zero. The zeroing is repeated if the counts have
+/// changed by more than a free whisker's, or if the clock is set back to before its end, as by [`super::Counts`].
 #[derive(Clone, Debug)]
 pub struct BendingCounts {
     sensor: BendingSensor,
@@ -35,9 +35,9 @@ pub struct BendingCounts {
 }
 
 impl BendingCounts {
-    /// Conversion of the counts of a sensor, with `largest_n_m` the largest moment of its calibration (N m), read on these axes (0 to 2).
-    /// `modulo` is the number of values of a counter that wraps, if it does; `zeroing_s` the duration of the zeroing (s), `rate_hz` the
-    /// rate of the counts (Hz).
+    /// Conversion of the counts of a sensor, with `largest_n_m` the largest moment of its calibration (N m), read on these axes (0
+    /// to 2). `modulo` is the number of values of a counter that wraps, if it does; `zeroing_s` the duration of the zeroing (s),
+    /// `rate_hz` the rate of the counts (Hz).
     pub fn new(
         sensor: BendingSensor,
         largest_n_m: f64,

@@ -5,11 +5,11 @@
 //!     -> cross-talk compensation -> characteristic -> reading
 //! ```
 //!
-//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. The zeroing is repeated
-//! if the counts change during it by more than those of a free whisker. If the clock of a sensor is set back to before the end of the
-//! zeroing, as by a recording in a loop, the conversion begins anew with the zeroing. After a smaller step back, or a wrong time
-//! stamp, the zeros are kept, since the whisker may be in contact. [`BendingCounts`] converts the counts of a sensor with two
-//! channels, in space.
+//! The steps are those of the calibration (`testbed::front_end`). Samples of the other sensors are interpolated. The zeroing is
+//! repeated if the counts change during it by more than those of a free whisker. If the clock of a sensor is set back to before the
+//! end of the zeroing, as by a recording in a loop, the conversion begins anew with the zeroing. After a smaller step back, or a
+//! wrong time stamp, the zeros are kept, since the whisker may be in contact. [`BendingCounts`] converts the counts of a sensor
+//! with two channels, in space.
 
 mod bending;
 mod zeroing;
@@ -33,12 +33,12 @@ pub const ZEROING_S: f64 = 1.0;
 /// Shortest and longest zeroing (s).
 pub const ZEROINGS_S: [f64; 2] = [0.01, 60.0];
 
-/// Largest change of the reading of a free whisker during the zeroing, in standard deviations of the noise: about three times the range
-/// of a thousand readings of a normal distribution.
+/// Largest change of the reading of a free whisker during the zeroing, in standard deviations of the noise: about three times the
+/// range of a thousand readings of a normal distribution.
 const STEADY_SDS: f64 = 20.0;
 
-/// Change of the reading during the zeroing that is always accepted, relative to the largest calibrated reading. It equals the share
-/// above which contact is detected whatever the offset of the sensor is ([`whisker::events`]).
+/// Change of the reading during the zeroing that is always accepted, relative to the largest calibrated reading. It equals the
+/// share above which contact is detected whatever the offset of the sensor is ([`whisker::events`]).
 const STEADY_SHARE: f64 = 0.03;
 
 /// Whether the reading of a free whisker may change by this (N m).
@@ -83,7 +83,8 @@ pub trait Conversion {
     /// Number of counts left out, since they arrived after later ones had been converted.
     fn late(&self) -> u64;
 
-    /// Number of times that the zeroing was repeated, since the counts had changed. Repetitions after a clock was set back do not count.
+    /// Number of times that the zeroing was repeated, since the counts had changed. Repetitions after a clock was set back do not
+    /// count.
     fn zeroings_repeated(&self) -> u64;
 }
 

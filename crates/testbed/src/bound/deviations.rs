@@ -14,14 +14,14 @@
 //!
 //! If the size of the object is unknown too, the logarithm of its scale `c` is a further state. The whisker touches the outline
 //! where both have the same direction, which scaling does not change: a contact displaced by `m` relative to the object since the
-//! touch has the derivative `m` by `ln c`. If the object moves with an unknown constant velocity `v`, this is a further state with its
-//! own prior; at the time `t` after the touch it adds `v t` to the displacement.
+//! touch has the derivative `m` by `ln c`. If the object moves with an unknown constant velocity `v`, this is a further state with
+//! its own prior; at the time `t` after the touch it adds `v t` to the displacement.
 //!
-//! If the object gives way to the whisker, its displacement since the touch is a random walk that is part of the contact. The standard
-//! deviation of a step is that of the actual displacement since the last instant, in an unknown direction. An estimator that knew
-//! when and by how much the object is displaced, but not in which direction, and assumed independent directions, could not have a
-//! smaller mean square error. One that does not know the amounts has a larger error; one that knew the friction of the object, and
-//! that it is pushed along the contact force, could have a smaller one.
+//! If the object gives way to the whisker, its displacement since the touch is a random walk that is part of the contact. The
+//! standard deviation of a step is that of the actual displacement since the last instant, in an unknown direction. An estimator
+//! that knew when and by how much the object is displaced, but not in which direction, and assumed independent directions, could
+//! not have a smaller mean square error. One that does not know the amounts has a larger error; one that knew the friction of the
+//! object, and that it is pushed along the contact force, could have a smaller one.
 
 use filters::product;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -36,8 +36,8 @@ const VELOCITY: usize = SIZE + 1 + COUNT;
 const STATES: usize = VELOCITY + 2;
 
 /// Prior standard deviation of the velocity of an object that moves, in each direction. It is the same for all whiskers and
-/// motions, of the order of the speeds of the suite `hollow` (0.2 to 2 mm/s); that of `drifting` is in proportion to the speed of the
-/// whisker before the touch.
+/// motions, of the order of the speeds of the suite `hollow` (0.2 to 2 mm/s); that of `drifting` is in proportion to the speed of
+/// the whisker before the touch.
 const VELOCITY_SD_M_S: f64 = 1e-3;
 
 /// Smallest and largest absolute value of each deviation in the random suites, between which it is log-uniform.
@@ -218,8 +218,8 @@ impl Joint {
         self.covariance -= product(&cross, &cross.transpose()) / variance;
     }
 
-    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` relative to the object in the time since the
-    /// touch.
+    /// Square root of the trace of the covariance of a contact that has moved by `moved_m` relative to the object in the time since
+    /// the touch.
     pub(super) fn sd_m(&self, moved_m: Vector2<f64>, since_touch_s: f64) -> f64 {
         let slope = |axis: usize| {
             let mut slope = SVector::<f64, STATES>::zeros();
@@ -354,8 +354,8 @@ mod tests {
         assert_eq!(joint.velocity_sds_m_s(), [0.0; 2]);
     }
 
-    /// A contact read in both directions at rest and in uniform motion, as in the straight line through readings at equal intervals: the
-    /// variance of its end is four times that of the mean.
+    /// A contact read in both directions at rest and in uniform motion, as in the straight line through readings at equal
+    /// intervals: the variance of its end is four times that of the mean.
     #[test]
     fn verif_an_unknown_velocity_is_the_slope_of_a_line() {
         let exact = Miscalibration::default();
@@ -409,8 +409,8 @@ mod tests {
         assert!((sd_m / (2.0 * p).sqrt() - 1.0).abs() < 1e-6, "{sd_m}");
     }
 
-    /// A contact that slides to and fro over an object of unknown size, read in both directions. The effects of size and velocity on the
-    /// readings are correlated, but not proportional, so that the bound is larger with both unknown than with either.
+    /// A contact that slides to and fro over an object of unknown size, read in both directions. The effects of size and velocity
+    /// on the readings are correlated, but not proportional, so that the bound is larger with both unknown than with either.
     #[test]
     fn verif_an_unknown_size_raises_the_bound_of_a_moving_object() {
         let exact = Miscalibration::default();

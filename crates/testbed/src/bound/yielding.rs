@@ -25,8 +25,8 @@ impl TouchedPlace {
         Some(Self { place_m: surface - indented_m, indented_m, center_m: sidecar.object_center_m().into(), given })
     }
 
-    /// Displacement in World, from the instant of this place to that of `other`, of the point of the object that is touched here (m),
-    /// and of its surface by the indentation.
+    /// Displacement in World, from the instant of this place to that of `other`, of the point of the object that is touched here
+    /// (m), and of its surface by the indentation.
     pub(super) fn displacement_m(&self, other: &Self) -> Vector2<f64> {
         let moved = |given: &YieldingTruth| Vector2::from(given.moved_m);
         let turn = Rotation2::new(other.given.yaw_rad - self.given.yaw_rad);

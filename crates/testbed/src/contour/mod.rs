@@ -112,11 +112,12 @@ impl SurfacePoint {
     }
 }
 
-/// Largest standard deviation of the position of a point that contributes to an outline. Maps, which have more touches, are stricter.
+/// Largest standard deviation of the position of a point that contributes to an outline. Maps, which have more touches, are
+/// stricter.
 const MOST_SD_M: f64 = 2e-3;
 
-/// Share of surface points with a standard deviation of at most [`MOST_SD_M`] below which the outline carried by a candidate is used
-/// instead of one merged from the points.
+/// Share of surface points with a standard deviation of at most [`MOST_SD_M`] below which the outline carried by a candidate is
+/// used instead of one merged from the points.
 const LEAST_SURE: f64 = 0.2;
 
 /// Whether fewer than [`LEAST_SURE`] of the points are certain enough.

@@ -45,8 +45,8 @@ impl Swept {
         Some(Self { wires })
     }
 
-    /// Largest depth of a contour's vertices in the swept space, zero if none lies there. A vertex lies there if the wire has been on
-    /// both of its sides.
+    /// Largest depth of a contour's vertices in the swept space, zero if none lies there. A vertex lies there if the wire has been
+    /// on both of its sides.
     pub fn depth_m(&self, contour: &Contour) -> f64 {
         contour.vertices.iter().map(|vertex| self.depth_at_m(vertex.at.vector())).fold(0.0, f64::max)
     }

@@ -13,8 +13,8 @@ pub const SPATIAL_PROTOCOL: u32 = 2;
 /// Largest relative difference of a stated unit vector's length from 1.
 const UNIT: f64 = 1e-3;
 
-/// Answer to a row in space, or to both readings of an instant of a live stream. A program must state a contact with its covariance;
-/// `null` stands for no estimate.
+/// Answer to a row in space, or to both readings of an instant of a live stream. A program must state a contact with its
+/// covariance; `null` stands for no estimate.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpatialAnswerLine {

@@ -348,9 +348,9 @@ pub fn evaluated_files(names: &RunNames<'_>) -> Vec<String> {
     RUN_FILES.iter().filter(|file| file.writer == Writer::Evaluate).flat_map(|file| file.instances(names)).collect()
 }
 
-/// Paths in the folder of a run in the plane of the files that the run must have, as far as `run.json` and the table of failures state.
-/// Trials with failures may lack some of their files; if the table of failures cannot be read, those of all trials are left out. So are
-/// outlines and tables of sensors, which `run.json` does not state.
+/// Paths in the folder of a run in the plane of the files that the run must have, as far as `run.json` and the table of failures
+/// state. Trials with failures may lack some of their files; if the table of failures cannot be read, those of all trials are left
+/// out. So are outlines and tables of sensors, which `run.json` does not state.
 pub fn certain_files(run: &Run, folder: &Path) -> Vec<String> {
     let mut run = run.clone();
     let failed: Option<BTreeSet<String>> = read_rows::<FailureRow>(&FAILURES.path(folder))

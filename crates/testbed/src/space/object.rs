@@ -8,8 +8,8 @@ use super::solid::{Axial, Solid};
 /// Smallest extent of the touched points along an edge (m).
 const EXTENT_M: f64 = 1e-3;
 
-/// Largest root mean square distance of the touched points from the line of an edge (m). Simulated contacts lie within about 10 um of
-/// the object.
+/// Largest root mean square distance of the touched points from the line of an edge (m). Simulated contacts lie within about 10 um
+/// of the object.
 const OFF_LINE_M: f64 = 3e-5;
 
 /// Smallest radius of rod and wire together.

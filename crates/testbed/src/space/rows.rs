@@ -33,8 +33,8 @@ pub struct SpatialTrialRow {
     pub nees: Option<f64>,
     /// Share of the instants at which the 95 % ellipsoid contains the true contact.
     pub coverage: Option<f64>,
-    /// Share of the estimates in the first [`START_S`](super::trial::START_S) seconds of each touch whose 95 % ellipsoid contains the
-    /// true contact.
+    /// Share of the estimates in the first [`START_S`](super::trial::START_S) seconds of each touch whose 95 % ellipsoid contains
+    /// the true contact.
     #[serde(default)]
     pub early_coverage: Option<f64>,
     /// Mean distance of the estimated points of the surface from the true solid. `None` for meshes.

@@ -42,7 +42,8 @@ pub struct SpatialTrial {
     solid: Option<Solid>,
 }
 
-/// Whether the true contact at each instant lies in the calibrated domain. `None` if it is unknown, at the tip or at several places.
+/// Whether the true contact at each instant lies in the calibrated domain. `None` if it is unknown, at the tip or at several
+/// places.
 fn in_domain(trace: &SpatialTrace, calibrated: &CalibratedSpace) -> impl Iterator<Item = Option<bool>> {
     let instants = trace.recording.instants.iter().zip(&trace.truth.instants);
     instants.map(|(known, truth): (&SpatialInstant, &SpatialTruthInstant)| {

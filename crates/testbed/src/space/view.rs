@@ -16,8 +16,8 @@ use super::wire::SpatialWire;
 /// Edge of the cells in which points are merged.
 const CELL_M: f64 = 0.5e-3;
 
-/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the beginning of a touch have
-/// larger ones.
+/// Largest standard deviation of a point, the square root of the trace of its covariance. Estimates at the beginning of a touch
+/// have larger ones.
 const MOST_SD_M: f64 = 1e-3;
 
 /// Edge of the voxels of the occupancy grid.

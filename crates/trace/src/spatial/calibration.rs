@@ -152,8 +152,8 @@ impl SpatialCalibrationFile {
         })
     }
 
-    /// Reads and checks a calibration file in space. It does not load the sensor models, which takes about a tenth of a second each:
-    /// [`Self::calibrated`] loads and checks one.
+    /// Reads and checks a calibration file in space. It does not load the sensor models, which takes about a tenth of a second
+    /// each: [`Self::calibrated`] loads and checks one.
     ///
     /// # Errors
     /// [`Error`] with file and place. A planar calibration, which has no contacts out of the plane, is named as such.

@@ -224,8 +224,8 @@ fn errors() -> Vec<Claim> {
     claims
 }
 
-/// Of the trials with an exact calibration and a bound that does not exceed the largest error in which [`FITTED`] fails, those whose
-/// outline explains the readings at least as well as the true one (%). In the others, the search may have missed it.
+/// Of the trials with an exact calibration and a bound that does not exceed the largest error in which [`FITTED`] fails, those
+/// whose outline explains the readings at least as well as the true one (%). In the others, the search may have missed it.
 fn explained(context: &Context) -> anyhow::Result<Option<f64>> {
     let fitted = context.run(RANDOM).trials.iter().filter(|trial| trial.head.estimator == FITTED);
     let mut failed = Vec::new();

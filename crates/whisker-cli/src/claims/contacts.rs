@@ -134,8 +134,8 @@ fn observable(context: &Context) -> anyhow::Result<impl Iterator<Item = &TrialRo
     Ok(MOVING.trials(context)?.filter(|trial| allows(trial, &bound::MOVING_RMSE, ACCURATE_M)))
 }
 
-/// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time, and
-/// how many are expected to be accurate.
+/// Claims on the trials with a moving object whose bound allows an accurate estimate: how many are accurate, or in doubt in time,
+/// and how many are expected to be accurate.
 fn accuracy_of_moving() -> [Claim; 2] {
     let observable_trials = "of the trials whose Cramér–Rao bound with unknown velocity and size is at most 0.3 mm";
     [

@@ -129,9 +129,9 @@ fn final_offsets(
         .collect()
 }
 
-/// Displacement (m) in Base of the mean of a belief that follows the curved wire, to second order: with the covariance `P`, the wire's
-/// curvature `k`, tangent `t` and left normal `n`, and the contact at `l` to the left of it, `(n t'P t / 2 - t t'P n) k / (1 - k l)`.
-/// Zero without a covariance.
+/// Displacement (m) in Base of the mean of a belief that follows the curved wire, to second order: with the covariance `P`, the
+/// wire's curvature `k`, tangent `t` and left normal `n`, and the contact at `l` to the left of it,
+/// `(n t'P t / 2 - t t'P n) k / (1 - k l)`. Zero without a covariance.
 fn off_the_wire(estimate: &Estimate, face: &CalibratedFace) -> Vector2<f64> {
     let covariance_m2 = estimate.covariance_m2.unwrap_or_default();
     let Foot { arc_m, left_m } = face.rest.foot(estimate.contact);

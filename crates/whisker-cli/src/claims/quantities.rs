@@ -1,5 +1,5 @@
-//! Quantities that `recommended` states with contacts: the gain and mounting of a sensor that deviates from its calibration, and the
-//! velocity of moving objects.
+//! Quantities that `recommended` states with contacts: the gain and mounting of a sensor that deviates from its calibration, and
+//! the velocity of moving objects.
 
 use testbed::results::QuantityRow;
 use testbed::statistics::{NORMAL_95, mean, rms};

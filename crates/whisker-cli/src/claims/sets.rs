@@ -185,8 +185,8 @@ pub(super) fn allows(trial: &TrialRow, bound: &Metric, error_m: f64) -> bool {
     trial.get(bound).is_some_and(|bound_m| bound_m <= error_m)
 }
 
-/// Expected share (%) of the trials whose error exceeds `error_m` for an estimator at the bound. The error of a trial is taken as one
-/// normally distributed value with the bound as its standard deviation: the error along the wire is by far the largest, and the
+/// Expected share (%) of the trials whose error exceeds `error_m` for an estimator at the bound. The error of a trial is taken as
+/// one normally distributed value with the bound as its standard deviation: the error along the wire is by far the largest, and the
 /// calibration, size and velocity that cause it are constant in a trial.
 pub(super) fn expected_above<'a>(
     trials: impl Iterator<Item = &'a TrialRow>,

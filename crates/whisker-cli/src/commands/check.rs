@@ -58,7 +58,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The given files, and the CSV and JSON files of given folders, except for tables of other programs. A trace and its sidecar count once.
+/// The given files, and the CSV and JSON files of given folders, except for tables of other programs. A trace and its sidecar count
+/// once.
 fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
@@ -85,7 +86,8 @@ fn expanded(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Path of the description of a run whose folder has the files of its trials but not the description, so that its absence is reported.
+/// Path of the description of a run whose folder has the files of its trials but not the description, so that its absence is
+/// reported.
 fn missing_description(folder: &Path) -> Option<PathBuf> {
     let kinds = [(plane::RUN, plane::TRIALS, plane::ESTIMATES), (space::RUN, space::TRIALS, space::ESTIMATES)];
     let lacks_it = |(description, trials, estimates): &(RunFile, RunFile, RunFile)| {
@@ -95,8 +97,8 @@ fn missing_description(folder: &Path) -> Option<PathBuf> {
     kinds.into_iter().find(lacks_it).map(|(description, ..)| description.path(folder))
 }
 
-/// Whether a CSV file in a folder has a sidecar, or is a trace without one or another table of the formats. A file that cannot be read
-/// counts, so that it is reported.
+/// Whether a CSV file in a folder has a sidecar, or is a trace without one or another table of the formats. A file that cannot be
+/// read counts, so that it is reported.
 fn is_own_table(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_extension("json").is_file()
@@ -156,8 +158,8 @@ fn check(path: &Path) -> anyhow::Result<String> {
 const MOST_NAMED: usize = 20;
 
 /// Checks that the folder of a run's description has the expected files of the run. A folder without any file of single trials,
-/// neither their table nor files in folders of the run, is an excerpt, as in `results/reference`, and need not have the other tables.
-/// Returns what is to be added to the printed description of the run.
+/// neither their table nor files in folders of the run, is an excerpt, as in `results/reference`, and need not have the other
+/// tables. Returns what is to be added to the printed description of the run.
 ///
 /// # Errors
 /// If files are missing.
@@ -177,8 +179,8 @@ fn check_run_files(description: &Path, expected: &[String], trials: RunFile) -> 
     )
 }
 
-/// Errors of the tables in the subfolders of a run, if the path is that of its description. They may be thousands, one for each trace
-/// and estimator, so that those without errors are not listed.
+/// Errors of the tables in the subfolders of a run, if the path is that of its description. They may be thousands, one for each
+/// trace and estimator, so that those without errors are not listed.
 ///
 /// # Errors
 /// If a folder cannot be read.

@@ -147,8 +147,8 @@ pub(super) struct Arguments {
     /// Parent folder of the run
     #[arg(long, default_value = "results")]
     results: PathBuf,
-    /// Replace a finished run of the same name that has other settings, or external programs; a run of registered estimators with the
-    /// same inputs is up to date and stays
+    /// Replace a finished run of the same name that has other settings, or external programs; a run of registered estimators with
+    /// the same inputs is up to date and stays
     #[arg(long)]
     force: bool,
     /// Compute share K (1 to N) of N equal shares of the work; other processes compute the others, on this machine or

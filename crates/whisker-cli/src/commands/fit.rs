@@ -36,8 +36,8 @@ pub(super) struct Arguments {
     /// other than the default]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Sensor model (`whisker list sensor-models`; for traces in space `space-sensor-models`); `auto` fits all that suit the traces and
-    /// selects the one with the smallest error on held-out traces
+    /// Sensor model (`whisker list sensor-models`; for traces in space `space-sensor-models`); `auto` fits all that suit the traces
+    /// and selects the one with the smallest error on held-out traces
     #[arg(long, default_value = AUTO)]
     model: String,
     /// Settings of the model as JSON, for example '{"degree": 7}' [default: those of `whisker list sensor-models`; for

@@ -113,7 +113,8 @@ fn write(imported: &Imported, folder: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Names of the traces in a folder, except for some. A recording that was renamed, removed or is now refused has left its trace there.
+/// Names of the traces in a folder, except for some. A recording that was renamed, removed or is now refused has left its trace
+/// there.
 ///
 /// # Errors
 /// If the folder cannot be read.

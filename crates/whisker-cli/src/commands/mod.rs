@@ -88,8 +88,8 @@ pub fn run() -> anyhow::Result<ExitCode> {
     }
 }
 
-/// The command with negative numbers as values of its options, whose errors state the permitted range. By default such a number is an
-/// unknown option.
+/// The command with negative numbers as values of its options, whose errors state the permitted range. By default such a number is
+/// an unknown option.
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
     let permitted = |argument: clap::Arg| {
         let has_value = argument.get_action().takes_values();

@@ -16,11 +16,11 @@ const UNEXPECTED: f64 = 2.0;
 
 /// Learn how a sensor in space is mounted, relative to its calibration, from touches at known places
 ///
-/// Writes the calibration with the deviation of the mounting, for which all estimators then correct, in place of an earlier mounting.
-/// Prints the deviation with its standard deviations and, for each touch, the root mean square residual of the readings before and
-/// after the correction, relative to the largest reading of the calibration, and the residual with the mounting by the other touches,
-/// relative to the expected one (disagreement). Refuses touches that contradict one another. The traces contain the contacts in the
-/// columns truth_contact_x_m, _y_m and _z_m.
+/// Writes the calibration with the deviation of the mounting, for which all estimators then correct, in place of an earlier
+/// mounting. Prints the deviation with its standard deviations and, for each touch, the root mean square residual of the readings
+/// before and after the correction, relative to the largest reading of the calibration, and the residual with the mounting by the
+/// other touches, relative to the expected one (disagreement). Refuses touches that contradict one another. The traces contain the
+/// contacts in the columns truth_contact_x_m, _y_m and _z_m.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Traces in space with touches at known places (.csv, the sidecar of each beside it)

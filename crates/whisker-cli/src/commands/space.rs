@@ -293,8 +293,8 @@ pub(super) fn evaluate_in_space(dataset: &Dataset, evaluation: Evaluation, folde
     Ok(conclusion(&written.failures))
 }
 
-/// Table of the summary, errors in millimetres and degrees, with the NEES by which the verdict is found. Quantities that no set has are
-/// left out.
+/// Table of the summary, errors in millimetres and degrees, with the NEES by which the verdict is found. Quantities that no set has
+/// are left out.
 fn summary_table(summary: &[SpatialSummaryRow]) -> String {
     let header = [
         "group",

@@ -28,8 +28,8 @@ pub(super) struct BlockSettings {
 
 impl Default for BlockSettings {
     /// `way_m` was compared with 0.2 and 2 mm on the standard suite with 25 seeds, and with single samples on the training suite of
-    /// random scenes. `alert_nis` was compared with 9 on the standard suite. `sample_nis` is exceeded by chance once in 600 samples.
-    /// `alert_s` is the time between two searches of a filter.
+    /// random scenes. `alert_nis` was compared with 9 on the standard suite. `sample_nis` is exceeded by chance once in 600
+    /// samples. `alert_s` is the time between two searches of a filter.
     fn default() -> Self {
         Self { samples: 8, way_m: 0.5e-3, alert_nis: 6.0, sample_nis: 10.0, alert_s: 0.1 }
     }

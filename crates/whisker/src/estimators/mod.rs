@@ -97,11 +97,11 @@ pub struct Estimate {
     pub installation: Option<Installation>,
     /// Probabilities of the competing models of the method. `None` if it has one model only.
     pub models: Option<ModelShares>,
-    /// Whether the readings contradict the models of the method, so that its covariance may be too small, or the object moves. Always
-    /// `false` for methods that average no models.
+    /// Whether the readings contradict the models of the method, so that its covariance may be too small, or the object moves.
+    /// Always `false` for methods that average no models.
     pub model_doubtful: bool,
-    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants. Always
-    /// `false` for methods that average no models.
+    /// Whether the readings, or the shape of the whisker, show that a second contact has taken load within the last instants.
+    /// Always `false` for methods that average no models.
     pub second_contact: bool,
 }
 
@@ -275,8 +275,8 @@ pub trait Tracker: Send {
         false
     }
 
-    /// Estimate of a contact with the object of the last touch while none is detected, if the readings show that the whisker touches it
-    /// again. Takes every sample since the release. Default: none.
+    /// Estimate of a contact with the object of the last touch while none is detected, if the readings show that the whisker
+    /// touches it again. Takes every sample since the release. Default: none.
     fn expect_touch(&mut self, _undetected: &Undetected) -> Option<Estimate> {
         None
     }
@@ -297,8 +297,8 @@ pub trait Tracker: Send {
         false
     }
 
-    /// Name of the method as which it follows the contact until it knows more, so that it may take the onset of this touch in blocks
-    /// if that method takes single samples. Default: `None`.
+    /// Name of the method as which it follows the contact until it knows more, so that it may take the onset of this touch in
+    /// blocks if that method takes single samples. Default: `None`.
     fn follows_as(&self) -> Option<&'static str> {
         None
     }

@@ -44,7 +44,8 @@ pub struct EstimatorRow {
 /// Builds a method from its settings and the prior information.
 pub type Build = fn(&Value, &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError>;
 
-/// The registry of estimators. Static, as those of sensor models and detectors: users of a constant would each compile the methods again.
+/// The registry of estimators. Static, as those of sensor models and detectors: users of a constant would each compile the methods
+/// again.
 pub static ESTIMATORS: &[EstimatorRow] = &[
     EstimatorRow {
         name: "recommended",

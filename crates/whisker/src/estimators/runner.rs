@@ -134,8 +134,8 @@ impl Runner {
         }
     }
 
-    /// An admitted sample with the motion and duration of the gated ones before it. It turns by the shorter way, since measured yaws
-    /// may be wrapped.
+    /// An admitted sample with the motion and duration of the gated ones before it. It turns by the shorter way, since measured
+    /// yaws may be wrapped.
     fn with_missed(&mut self, sample: &Sample) -> Sample {
         let (motion, dt_s) = self.missed.take().map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
             (motion.then(&sample.motion), duration_s + sample.dt_s)

@@ -2,27 +2,27 @@
 //!
 //! With a first contact at a known place, a second one nearer to the root raises the moment at the root, and one nearer to the tip
 //! lowers it: the second contact takes over a part of the deflection at the first, with a lever that is shorter or longer. As long
-//! as there is one contact, the innovations of a model that describes it have mean zero; from the instant at which a second contact takes
-//! load they have a positive or a negative mean. The change is detected by Page's two-sided test ("Continuous inspection schemes",
-//! Biometrika 41, 1954): the cumulative sum of the residuals less a drift, or that of their negatives less the drift, each kept from
-//! falling below zero, exceeds a threshold.
+//! as there is one contact, the innovations of a model that describes it have mean zero; from the instant at which a second contact
+//! takes load they have a positive or a negative mean. The change is detected by Page's two-sided test ("Continuous inspection
+//! schemes", Biometrika 41, 1954): the cumulative sum of the residuals less a drift, or that of their negatives less the drift,
+//! each kept from falling below zero, exceeds a threshold.
 //!
-//! The residual is the one that remains after the update. Of an innovation `r` with the covariance `S`, the filter attributes the share
-//! `1 - R / S` to a displacement of the contact, with the variance `R` of the reading (Bar-Shalom, Li and Kirubarajan, "Estimation with
-//! Applications to Tracking and Navigation", 2001, chapter 5); only the rest, `r R / S`, is evidence of another load. In standard
-//! deviations of the reading it is `r / sqrt(S) sqrt(R / S)`. Where the contact is uncertain, for instance as the motion
-//! reverses on a round object, it is small.
+//! The residual is the one that remains after the update. Of an innovation `r` with the covariance `S`, the filter attributes the
+//! share `1 - R / S` to a displacement of the contact, with the variance `R` of the reading (Bar-Shalom, Li and Kirubarajan,
+//! "Estimation with Applications to Tracking and Navigation", 2001, chapter 5); only the rest, `r R / S`, is evidence of another
+//! load. In standard deviations of the reading it is `r / sqrt(S) sqrt(R / S)`. Where the contact is uncertain, for instance as the
+//! motion reverses on a round object, it is small.
 //!
-//! An object that begins to move changes the readings in the same way. A filter that estimates the velocity of the object has found it
-//! long before a moving object has become probable. There are therefore cumulative sums for the innovations of the mixture and for those of
-//! a moving object, and the smaller one counts: a change that either of them explains is no evidence, as in a test whose null hypothesis
-//! is composite.
+//! An object that begins to move changes the readings in the same way. A filter that estimates the velocity of the object has found
+//! it long before a moving object has become probable. There are therefore cumulative sums for the innovations of the mixture and
+//! for those of a moving object, and the smaller one counts: a change that either of them explains is no evidence, as in a test
+//! whose null hypothesis is composite.
 //!
 //! A sum begins only while the first contact is known. Without this, contacts that have just jumped, that rub or that move with the
 //! object would be taken for second ones.
 //!
-//! At a place that was touched before, a second contact is also found by the shape of the whisker ([`super::touched`]). The farther the
-//! whisker lies past the place, the less the innovations need to change.
+//! At a place that was touched before, a second contact is also found by the shape of the whisker ([`super::touched`]). The farther
+//! the whisker lies past the place, the less the innovations need to change.
 
 use filters::Innovation;
 use serde::{Deserialize, Serialize};
@@ -52,8 +52,8 @@ pub(super) struct SecondSettings {
     pub supported_m: f64,
     /// Cumulative sum that supports a second contact at a place that was touched before.
     pub supporting_sds: f64,
-    /// Whether a signal by the innovations also begins a new touch: the contact is then sought anywhere along the whisker, beside the
-    /// place that it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
+    /// Whether a signal by the innovations also begins a new touch: the contact is then sought anywhere along the whisker, beside
+    /// the place that it had. For objects whose protruding points are far apart; on a polygon, along whose sides the contact slides
     /// from corner to corner, it discards what is known.
     pub begins_touch: bool,
 }
@@ -68,8 +68,8 @@ impl SecondSettings {
     /// No signal.
     pub(super) const NONE: Self = Self { evidence_sds: 0.0, past_m: 0.0, ..Self::TESTED };
 
-    /// Page's test, and the return to places that were touched before. The values were chosen on the suite `hollow` with noise seeds
-    /// that are not reported, and on the training suites of random scenes, in which almost every signal is a false one.
+    /// Page's test, and the return to places that were touched before. The values were chosen on the suite `hollow` with noise
+    /// seeds that are not reported, and on the training suites of random scenes, in which almost every signal is a false one.
     const TESTED: Self = Self {
         drift_sds: 0.6,
         most_sds: 4.0,
@@ -214,7 +214,8 @@ mod tests {
         Some(Found { mixture, moving: None, count: 1.0, variance_n2_m2: 1.0 })
     }
 
-    /// Samples until the signal is raised, of at most 10,000, for these innovations in their standard deviations, which have this variance.
+    /// Samples until the signal is raised, of at most 10,000, for these innovations in their standard deviations, which have this
+    /// variance.
     fn raised_with(covariance: f64, is_known: impl Fn(usize) -> bool, sds: impl Fn(usize) -> f64) -> Option<usize> {
         let (settings, mut second) = (SecondSettings::default(), Second::default());
         let innovation = |i: usize| found(covariance.sqrt() * sds(i), covariance);

@@ -10,8 +10,8 @@
 //! where `g` is the derivative of the reading by `b` (Schmidt, "Application of state-space methods to navigation problems",
 //! Advances in Control Systems 3, 1966; Jazwinski, *Stochastic Processes and Filtering Theory*, 1970, section 8.4). The
 //! errors add `s s' sd^2` to the stated covariance, with their prior standard deviations `sd`. Mean, gain and evidence remain those
-//! of the filter without errors. Of several hypotheses, the sensitivities are those of the most probable one; when another takes the
-//! lead, they begin as at a touch.
+//! of the filter without errors. Of several hypotheses, the sensitivities are those of the most probable one; when another takes
+//! the lead, they begin as at a touch.
 
 use filters::{Gaussian, Measurement};
 use nalgebra::{Matrix1x3, Matrix2, SMatrix, SVector, Vector3};
@@ -38,8 +38,8 @@ impl SystematicSettings {
     /// No systematic errors.
     pub(super) const NONE: Self = Self { offset: 0.0, drift_per_s: 0.0, latency_s: 0.0 };
 
-    /// The settings of `recommended`, seven eighths of the RMS errors of the random suites' miscalibrated sets: of 4/8, 6/8, 7/8 and
-    /// 8/8, the smallest multiple with the fewest sets of the training suite in which the stated covariances are too small.
+    /// The settings of `recommended`, seven eighths of the RMS errors of the random suites' miscalibrated sets: of 4/8, 6/8, 7/8
+    /// and 8/8, the smallest multiple with the fewest sets of the training suite in which the stated covariances are too small.
     pub(super) const EXPECTED: Self = Self { offset: 7e-3, drift_per_s: 1.75e-3, latency_s: 1.75e-3 };
 
     /// Whether there are any.
@@ -101,8 +101,8 @@ impl<const N: usize> Systematic<N> {
         Matrix1x3::new(self.unit_n_m, self.unit_n_m * self.time_s, rate_n_m_s)
     }
 
-    /// Takes a step of the filter of `dt_s` with the Jacobian `transition` of its process, after which the belief before the reading
-    /// is `predicted`. A residual beyond the gate has the weight of one at the gate. Returns the mean after the reading.
+    /// Takes a step of the filter of `dt_s` with the Jacobian `transition` of its process, after which the belief before the
+    /// reading is `predicted`. A residual beyond the gate has the weight of one at the gate. Returns the mean after the reading.
     pub(super) fn advance(
         &mut self,
         dt_s: f64,

@@ -127,8 +127,8 @@ pub(crate) fn pushed(
     bases.into_iter().map(push).collect()
 }
 
-/// Estimates of a registered estimator with its default settings along contacts on the left face, with noise of the sensor from this
-/// seed. Each step has the pose of the base and the moment at the root.
+/// Estimates of a registered estimator with its default settings along contacts on the left face, with noise of the sensor from
+/// this seed. Each step has the pose of the base and the moment at the root.
 pub(crate) fn followed(
     name: &str,
     knowledge: &Arc<Knowledge>,

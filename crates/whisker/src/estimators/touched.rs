@@ -1,8 +1,8 @@
 //! Places at which an object was touched, and the return of the whisker to one of them.
 //!
-//! A single contact determines the load and the shape of the whole whisker. If this shape lies past a place that was touched before,
-//! the whisker bears on this place too: a second contact takes load. The readings show this late, because the second load grows
-//! slowly and resembles a displacement of the first contact.
+//! A single contact determines the load and the shape of the whole whisker. If this shape lies past a place that was touched
+//! before, the whisker bears on this place too: a second contact takes load. The readings show this late, because the second load
+//! grows slowly and resembles a displacement of the first contact.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -34,15 +34,16 @@ const MOST_PLACES: usize = 200;
 /// contain the load at the other place.
 const LASTING_S: f64 = 0.4;
 
-/// Number of chords by which the whisker's centre line is represented. Between their ends it deviates from them by some micrometres.
+/// Number of chords by which the whisker's centre line is represented. Between their ends it deviates from them by some
+/// micrometres.
 const CHORDS: u32 = 40;
 
 /// A place that was touched.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     at: Point<Start>,
-    /// Whether it has lain in front of the whisker during the present touch. A place from which the whisker has slipped off is past it
-    /// from the beginning.
+    /// Whether it has lain in front of the whisker during the present touch. A place from which the whisker has slipped off is past
+    /// it from the beginning.
     was_in_front: bool,
 }
 
@@ -195,7 +196,8 @@ mod tests {
 
     const PERIOD_S: f64 = 0.01;
 
-    /// A contact at 35 mm, pressed on this face, a place at 60 mm of the loaded whisker, and the unit vector from there to the object.
+    /// A contact at 35 mm, pressed on this face, a place at 60 mm of the loaded whisker, and the unit vector from there to the
+    /// object.
     fn loaded(face: Face) -> (Arc<Elastica>, Point<Base>, Point<Base>, Vector2<f64>) {
         let elastica = Arc::new(Elastica::new(&Whisker::straight()).unwrap());
         let load = Load { arc_m: 0.035, along_n: 0.0, left_n: 5e-3 * face.away_sign(), couple_n_m: 0.0 };
@@ -223,8 +225,8 @@ mod tests {
         between: |touched| touched.resume(touched.face),
     };
 
-    /// Ways of the base towards the object at which the whisker is found past the place, and the distances. The base moves to and fro
-    /// twice, by 1.5 mm at 10 mm/s.
+    /// Ways of the base towards the object at which the whisker is found past the place, and the distances. The base moves to and
+    /// fro twice, by 1.5 mm at 10 mm/s.
     fn ways_found_m(case: Case) -> Vec<(f64, f64)> {
         let (elastica, contact, beside, ahead) = loaded(case.face);
         let mut touched = TouchedPlaces::new(Some(elastica), case.face);

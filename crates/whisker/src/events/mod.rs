@@ -203,8 +203,8 @@ impl ContactDetector {
         self.rest_reading.give_up();
     }
 
-    /// Takes the rest reading of an earlier detector of the same sensor, if that has determined it or found none: the whisker may touch
-    /// when the detection starts again.
+    /// Takes the rest reading of an earlier detector of the same sensor, if that has determined it or found none: the whisker may
+    /// touch when the detection starts again.
     pub fn keep_rest_reading(&mut self, earlier: &Self) {
         self.rest_reading.keep(&earlier.rest_reading);
     }

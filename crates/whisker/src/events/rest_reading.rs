@@ -1,8 +1,8 @@
 //! Rest reading: mean reading of the free whisker at the start of a recording, an estimate of the sensor's offset.
 //!
-//! The whisker is assumed to be free for the first 0.1 s, unless a reading is larger than an offset can be. The estimate is accepted only
-//! if the readings are steady and their mean differs significantly from zero and lies between [`LEAST_SHARE`] and [`MOST_SHARE`] of the
-//! largest calibrated reading. A smaller offset is covered by the covariances that estimators state.
+//! The whisker is assumed to be free for the first 0.1 s, unless a reading is larger than an offset can be. The estimate is
+//! accepted only if the readings are steady and their mean differs significantly from zero and lies between [`LEAST_SHARE`] and
+//! [`MOST_SHARE`] of the largest calibrated reading. A smaller offset is covered by the covariances that estimators state.
 
 use signal::LONGEST_GAP_S;
 
@@ -91,8 +91,8 @@ impl RestReading {
         }
     }
 
-    /// Takes the next reading, `dt_s` after the last. Returns whether it may be a rest reading; such a reading must not be detected as
-    /// a touch. The estimate starts again after a gap.
+    /// Takes the next reading, `dt_s` after the last. Returns whether it may be a rest reading; such a reading must not be detected
+    /// as a touch. The estimate starts again after a gap.
     pub(super) fn update(&mut self, reading_n_m: f64, dt_s: f64) -> bool {
         if self.is_exceeded_by(reading_n_m) {
             self.give_up();

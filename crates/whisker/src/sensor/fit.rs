@@ -13,8 +13,8 @@ const BLOCKS: usize = 5;
 /// Lower bound of a model's error, relative to the largest reading.
 const SMALLEST_ERROR: f64 = 1e-6;
 
-/// Lower bound of a model's mean square error (N2 m2) on `count` held-out samples: the standard error of the variance of their noise,
-/// and at least the square of a millionth of the largest reading.
+/// Lower bound of a model's mean square error (N2 m2) on `count` held-out samples: the standard error of the variance of their
+/// noise, and at least the square of a millionth of the largest reading.
 pub(crate) fn least_error_n2_m2(noise_n2_m2: f64, count: f64, largest_reading_n_m: f64) -> f64 {
     (noise_n2_m2 * (2.0 / count).sqrt()).max((SMALLEST_ERROR * largest_reading_n_m).powi(2))
 }

@@ -1,5 +1,5 @@
-//! `cargo xtask package`: the results of the Python package compared with those of the command, its installation from a clean clone,
-//! the size of its wheel, and the times of its calls compared with those in Rust. The values are rows of
+//! `cargo xtask package`: the results of the Python package compared with those of the command, its installation from a clean
+//! clone, the size of its wheel, and the times of its calls compared with those in Rust. The values are rows of
 //! `results/reference/measured.csv`, shown in `docs/PYTHON.md` and `docs/PERFORMANCE.md`.
 
 use std::fs;

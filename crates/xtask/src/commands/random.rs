@@ -1,5 +1,5 @@
-//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex, move or give
-//! way, and of a sensor that deviates from its calibration.
+//! Certainty on random scenes on which no setting was chosen, on contacts with friction, on objects that are not convex, move or
+//! give way, and of a sensor that deviates from its calibration.
 
 use super::docs;
 use crate::failure::{Failure, Outcome};

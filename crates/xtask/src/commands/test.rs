@@ -42,9 +42,9 @@ pub(super) const TESTED: [&str; 3] = ["--workspace", "--exclude", "ros2-node"];
 /// then.
 const INTERRUPTED: &str = "sim/tests/test_resume.py";
 
-/// Runs the other tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build often
-/// waits for one large package, which occupies a single processor. The tests have a lower priority, because they occupy all processors
-/// to their end.
+/// Runs the other tests of the generator, which needs no Rust, while the Rust tests and then the Python package are built: a build
+/// often waits for one large package, which occupies a single processor. The tests have a lower priority, because they occupy all
+/// processors to their end.
 fn python_tests_and_builds() -> Outcome {
     let tests = start(with_low_priority(pytest(&["sim/tests", "--ignore", INTERRUPTED])))?;
     let built = run_command(cargo(&rust_tests(&["--no-run"]))).and_then(|()| python::install_package());
@@ -57,8 +57,8 @@ fn rust_tests(options: &[&'static str]) -> Vec<&'static str> {
     [run, &TESTED, options].concat()
 }
 
-/// Runs the Rust tests, three at a time for every two processors, because some mostly wait for a port, a program or a clock. Numbers
-/// that are set in the environment are kept.
+/// Runs the Rust tests, three at a time for every two processors, because some mostly wait for a port, a program or a clock.
+/// Numbers that are set in the environment are kept.
 fn run_rust_tests() -> Outcome {
     let mut command = cargo(&rust_tests(&["--no-fail-fast"]));
     let processors = thread::available_parallelism().map_or(1, usize::from);

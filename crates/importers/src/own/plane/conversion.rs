@@ -32,8 +32,8 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// Remark about the agreement of the calibration with the mechanics of the whisker. `residual` is the RMS of the residuals over that
-    /// of the readings.
+    /// Remark about the agreement of the calibration with the mechanics of the whisker. `residual` is the RMS of the residuals over
+    /// that of the readings.
     fn remark(&self, residual: f64) -> String {
         let unreached = match self.contacts - self.pairs.len() {
             0 => String::new(),
@@ -134,8 +134,8 @@ impl Conversion {
     }
 }
 
-/// Characteristic whose range contains the moments of the smallest and the largest reading relative to rest. The range is that of the
-/// given one where it suffices.
+/// Characteristic whose range contains the moments of the smallest and the largest reading relative to rest. The range is that of
+/// the given one where it suffices.
 ///
 /// # Errors
 /// [`Error::Value`] if the characteristic turns before a reading is reached.

@@ -100,15 +100,15 @@ impl Mechanics {
         Some(self.rod.at_point(contact).ok()?.deflection.moment_n_m.yz())
     }
 
-    /// Side of the pin on which the whisker would lie if its centre line passed through the axis. It is the true side if the whisker
-    /// is deflected by more than the radii of pin and wire together. `None` if there is no such contact.
+    /// Side of the pin on which the whisker would lie if its centre line passed through the axis. It is the true side if the
+    /// whisker is deflected by more than the radii of pin and wire together. `None` if there is no such contact.
     pub(super) fn side_of_axis(&self, pin: &Pin) -> Option<Side> {
         let on_axis = Pin { radius_m: None, ..*pin };
         Side::BOTH.into_iter().find(|side| self.with_pin(&on_axis, *side, None).is_some())
     }
 
-    /// Frictionless contact with a pin of a whisker on this side of it, sought near that of another row of the same touch. `None` if
-    /// none is found, or if the pin would have to pull.
+    /// Frictionless contact with a pin of a whisker on this side of it, sought near that of another row of the same touch. `None`
+    /// if none is found, or if the pin would have to pull.
     pub(super) fn with_pin(&self, pin: &Pin, side: Side, near: Option<&PlaceOnPin>) -> Option<PinContact> {
         let mut place = near.copied().unwrap_or_else(|| self.nearest(pin));
         let mut normal: Option<Unit<Vector3<f64>>> = None;
@@ -186,8 +186,8 @@ mod tests {
         Mechanics::new(Path::new("import.json"), whisker, stiffness, 0.33).unwrap()
     }
 
-    /// A pin that exerts a force in this direction about the whisker, and the contact. A linear whisker is deflected by `depth_m`. The
-    /// axis is tilted out of the plane across the whisker, and given by a point `off_m` from the contact.
+    /// A pin that exerts a force in this direction about the whisker, and the contact. A linear whisker is deflected by `depth_m`.
+    /// The axis is tilted out of the plane across the whisker, and given by a point `off_m` from the contact.
     fn pressed(
         mechanics: &Mechanics,
         direction_rad: f64,

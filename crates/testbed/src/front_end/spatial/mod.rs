@@ -81,8 +81,8 @@ impl SpatialFrontEnd {
         self.chain.has_sensor()
     }
 
-    /// Default noise added to the readings of a trace, as a fraction of the largest; 0 for recordings of real sensors, which contain
-    /// their own.
+    /// Default noise added to the readings of a trace, as a fraction of the largest; 0 for recordings of real sensors, which
+    /// contain their own.
     pub fn default_noise(&self, sidecar: &SpatialSidecar) -> f64 {
         if sidecar.recorded.is_some() { 0.0 } else { self.row.noise }
     }

@@ -54,8 +54,8 @@ pub(in crate::estimators) struct Config<Filter> {
     /// Probability that a new touch is one of the same object, whose belief is then kept. 0: each touch begins anew.
     pub kept_share: f64,
     /// Prior rate (1/s) at which the contact returns to a place that it has left. Without effect until
-    /// [`expect_jumps`](crate::estimators::Tracker::expect_jumps) is called; requires `kept_share` and `search`. 0: the contact does
-    /// not return, neither to such a place nor to that of [`expect_return`](crate::estimators::Tracker::expect_return).
+    /// [`expect_jumps`](crate::estimators::Tracker::expect_jumps) is called; requires `kept_share` and `search`. 0: the contact
+    /// does not return, neither to such a place nor to that of [`expect_return`](crate::estimators::Tracker::expect_return).
     pub return_rate: f64,
     /// Systematic errors of readings and poses for [`systematic_m2`](crate::estimators::Tracker::systematic_m2); the filter itself
     /// has none.
@@ -109,8 +109,8 @@ impl<Filter: GaussianFilter> Config<Filter> {
     }
 }
 
-/// Serialisation of the filter's settings in a method with its own model of the contact's motion: without `motion`, which would have no
-/// effect.
+/// Serialisation of the filter's settings in a method with its own model of the contact's motion: without `motion`, which would
+/// have no effect.
 pub(in crate::estimators) mod without_motion {
     use serde::de::{Deserializer, Error};
     use serde::ser::Serializer;

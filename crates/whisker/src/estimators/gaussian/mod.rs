@@ -210,8 +210,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         bank
     }
 
-    /// Propagates a bank to a sample. Returns the Jacobian of the process at the most probable hypothesis, `None` without systematic
-    /// errors.
+    /// Propagates a bank to a sample. Returns the Jacobian of the process at the most probable hypothesis, `None` without
+    /// systematic errors.
     fn predict(&self, bank: &mut Bank<N>, sample: &Sample) -> Option<SMatrix<f64, N, N>> {
         let process = self.motion.step(&self.side, sample);
         let most = bank.most_probable().filter(|_| self.config.systematic.is_on()).map(|most| most.belief.mean);
@@ -480,7 +480,8 @@ pub(super) struct Advance<const N: usize> {
     pub(super) innovation: Option<Innovation<1>>,
 }
 
-/// Residual of a reading for a contact (N m), and its variance (N2 m2) with the covariance of the contact. `None` without a prediction.
+/// Residual of a reading for a contact (N m), and its variance (N2 m2) with the covariance of the contact. `None` without a
+/// prediction.
 fn residual<const N: usize>(
     reading: &ContactReading<'_>,
     x: &SVector<f64, N>,

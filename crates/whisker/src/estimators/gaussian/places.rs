@@ -69,8 +69,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
     }
 
     /// Adds remembered places to which a return is more probable than none. The likelihood of a reading for a contact at the place,
-    /// divided by that of the bank, is raised to `evidence_power`. The innovations of the bank alone detect a return late: where the
-    /// base goes back the way that it came, the bank explains the readings by a displaced contact.
+    /// divided by that of the bank, is raised to `evidence_power`. The innovations of the bank alone detect a return late: where
+    /// the base goes back the way that it came, the bank explains the readings by a displaced contact.
     pub(super) fn go_back(
         &self,
         left: &mut [Left<N>],
@@ -96,8 +96,8 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         }
     }
 
-    /// Whether the innovations are larger than stated, so that hypotheses at other places are due. If the contact may then have slipped
-    /// off the tip, no other place is searched until the next touch.
+    /// Whether the innovations are larger than stated, so that hypotheses at other places are due. If the contact may then have
+    /// slipped off the tip, no other place is searched until the next touch.
     pub(super) fn must_search(&mut self, bank: &Bank<N>, sample: &Sample, innovation: Option<Innovation<1>>) -> bool {
         let Some(Innovation { nis, .. }) = innovation.filter(|_| self.config.search.is_on()) else { return false };
         if !self.doubt.next(&self.config.search, sample.dt_s, nis.min(self.config.gate_sds.powi(2))) {
@@ -128,8 +128,9 @@ impl<Filter: GaussianFilter, Model: Motion<N>, const N: usize> Follower<Filter, 
         self.left.push(Left { belief, odds: Odds::default() });
     }
 
-    /// Hypotheses for a contact that has jumped to another place of the object, with the logarithms of their weights: at each place one
-    /// with the prior of the object, that of a thin one such as a corner, and one for which everything but the place is as believed.
+    /// Hypotheses for a contact that has jumped to another place of the object, with the logarithms of their weights: at each place
+    /// one with the prior of the object, that of a thin one such as a corner, and one for which everything but the place is as
+    /// believed.
     pub(super) fn elsewhere(&self, sample: &Sample, belief: &Gaussian<N>) -> Vec<(Gaussian<N>, f64)> {
         let places = self.config.start.coarser().beliefs(&self.side, sample.reading_n_m, None);
         let parts = |(place, log_weight): &(Gaussian<2>, f64)| {

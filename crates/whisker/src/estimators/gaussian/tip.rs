@@ -16,7 +16,8 @@ use crate::sensor::AlongAway;
 const SETTLED_SD_M: f64 = 3e-3;
 const TIP_SDS: f64 = 4.0;
 
-/// Smallest arc length, relative to the whisker's length, from which a contact that the readings contradict has slipped off the tip.
+/// Smallest arc length, relative to the whisker's length, from which a contact that the readings contradict has slipped off the
+/// tip.
 const NEAR_TIP_SHARE: f64 = 0.9;
 
 /// Distance of a contact from the whisker's end, in its standard deviations, above which it is certain to be on the side.

@@ -63,8 +63,8 @@ impl AlternativeSettings {
 /// Largest number of kept blocks. Beyond it, the method takes the oldest one with each new one, even while it sleeps.
 const MOST_KEPT: usize = 256;
 
-/// Largest number of hypotheses that the method updates with each sample until it has caught up. A single block may update more: after
-/// a touch the method has many hypotheses and takes one block at a time.
+/// Largest number of hypotheses that the method updates with each sample until it has caught up. A single block may update more:
+/// after a touch the method has many hypotheses and takes one block at a time.
 const MOST_UPDATED: usize = 48;
 
 /// Time without evidence after which the method sleeps again.

@@ -16,24 +16,26 @@ const LEAST_FACTOR: f64 = 0.05;
 /// touched are forgotten, and at a new touch the candidates for an object at rest begin anew.
 const LIKELY_MOVING_SHARE: f64 = 0.9;
 
-/// Probability of a moving object at or below which it probably rests again. At a new touch the probabilities are the means of those at
-/// the release and the priors, so that an object which certainly moved has one of about a half.
+/// Probability of a moving object at or below which it probably rests again. At a new touch the probabilities are the means of
+/// those at the release and the priors, so that an object which certainly moved has one of about a half.
 const LIKELY_RESTING_SHARE: f64 = 0.25;
 
-/// Whether the object probably moves, at the probability `share` of a moving object. The threshold is lower if it probably moved before.
+/// Whether the object probably moves, at the probability `share` of a moving object. The threshold is lower if it probably moved
+/// before.
 pub(super) fn probably_moves(moved: bool, share: f64) -> bool {
     share > if moved { LIKELY_RESTING_SHARE } else { LIKELY_MOVING_SHARE }
 }
 
-/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt. A contact
-/// that jumps from corner to corner of an object at rest makes a moving object probable for an instant. Chosen on training suites.
+/// Probability of a moving object, without the considered candidates, above which the models of objects at rest are in doubt. A
+/// contact that jumps from corner to corner of an object at rest makes a moving object probable for an instant. Chosen on training
+/// suites.
 const MOVING_SHARE: f64 = 1.0 - 1e-6;
 
 /// Probability of a moving object at or below which this doubt ends.
 const NO_LONGER_MOVING_SHARE: f64 = 0.9;
 
-/// Whether the signal that the object moves is raised at the probability `share` of a moving object. The threshold is lower if it was
-/// raised before.
+/// Whether the signal that the object moves is raised at the probability `share` of a moving object. The threshold is lower if it
+/// was raised before.
 pub(super) fn signals_motion(was_raised: bool, share: f64) -> bool {
     share > if was_raised { NO_LONGER_MOVING_SHARE } else { MOVING_SHARE }
 }

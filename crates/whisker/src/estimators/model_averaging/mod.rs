@@ -222,8 +222,8 @@ impl AveragingTracker {
         (self.has_begun, self.late) = (false, None);
     }
 
-    /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object at rest
-    /// and the object probably moves.
+    /// Begins a new touch. A candidate restarts from its prior if it keeps no posterior of the object, or if it assumes an object
+    /// at rest and the object probably moves.
     fn begin_again_with(&mut self, touch: &Touch<'_>) {
         if let Some(alternative) = &mut self.alternative {
             alternative.begin_again(touch);
@@ -248,8 +248,8 @@ impl AveragingTracker {
             .map_or_else(Ahead::default, |(_, tracker)| tracker.look_ahead(since))
     }
 
-    /// The estimate of the last block's mean, carried along by the motion of the base to a sample: the contact rests but for its slip
-    /// over the object.
+    /// The estimate of the last block's mean, carried along by the motion of the base to a sample: the contact rests but for its
+    /// slip over the object.
     fn carried(&self, since: &Sample, slip_m: Vector2<f64>) -> Option<Estimate> {
         let stated = self.stated?;
         Some(Estimate {
@@ -395,7 +395,8 @@ impl Tracker for AveragingTracker {
     }
 
     /// The object may be the last one or another with equal probability: the candidates' probabilities are the mean of those at
-    /// the release and the priors. If the readings showed the last one before the touch was detected, they remain those at the release.
+    /// the release and the priors. If the readings showed the last one before the touch was detected, they remain those at the
+    /// release.
     fn resume(&mut self, touch: &Touch<'_>) -> bool {
         // The candidates have not taken the samples of a block that has not ended.
         let touch = &Touch { free_s: touch.free_s + self.blocks.pending_s(), ..*touch };

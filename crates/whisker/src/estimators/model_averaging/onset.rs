@@ -36,8 +36,8 @@ impl AveragingTracker {
         estimates
     }
 
-    /// The candidates that are late at the onset of a touch: those that are improbable, those that do as another one does, and those
-    /// that are considered, to which the covariance of a contact that is hardly known yet owes little.
+    /// The candidates that are late at the onset of a touch: those that are improbable, those that do as another one does, and
+    /// those that are considered, to which the covariance of a contact that is hardly known yet owes little.
     fn latecomers(&self) -> Option<Latecomers> {
         let settings = &self.config.block;
         let does_as_another =

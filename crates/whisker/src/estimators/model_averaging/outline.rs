@@ -5,13 +5,14 @@ use filters::product;
 use super::AveragingTracker;
 use crate::estimators::{OutlinePoint, Tracker};
 
-/// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share` is
-/// smaller, it takes its place.
+/// Smallest probability, relative to that of the leading candidate, at which a candidate's outline is used. Where `ignored_share`
+/// is smaller, it takes its place.
 const CARRYING_SHARE: f64 = 1e-6;
 
 impl AveragingTracker {
-    /// Outline of the leading candidate or, if it has none, of the most probable candidate that has one and whose relative probability
-    /// is at least [`CARRYING_SHARE`]. The band of an outline that does not lead contains the variance of the mixture across it.
+    /// Outline of the leading candidate or, if it has none, of the most probable candidate that has one and whose relative
+    /// probability is at least [`CARRYING_SHARE`]. The band of an outline that does not lead contains the variance of the mixture
+    /// across it.
     pub(super) fn mixture_outline(&self) -> Option<Vec<OutlinePoint>> {
         let ranked = self.ranked();
         let most = ranked.first()?.0;
@@ -21,7 +22,8 @@ impl AveragingTracker {
         Some(if self.mixture_outline_leads() { points } else { self.widened(points) })
     }
 
-    /// A refuted outline does not lead: since the refutation it is that of the last place alone, whereas the contacts are those of all.
+    /// A refuted outline does not lead: since the refutation it is that of the last place alone, whereas the contacts are those of
+    /// all.
     pub(super) fn mixture_outline_leads(&self) -> bool {
         let leads = |tracker: &dyn Tracker| tracker.outline().is_some() && tracker.outline_leads();
         self.ranked().first().is_some_and(|(_, tracker)| leads(*tracker) && !tracker.refutes_convexity())

@@ -8,8 +8,8 @@ use crate::estimators::Estimate;
 use crate::estimators::second::Found;
 use crate::frames::{Base, Point};
 
-/// Probability of friction above which a change of the readings is no evidence of a second contact: friction changes them as the motion
-/// reverses.
+/// Probability of friction above which a change of the readings is no evidence of a second contact: friction changes them as the
+/// motion reverses.
 const LIKELY_RUBBING_SHARE: f64 = 0.95;
 
 impl AveragingTracker {
@@ -53,8 +53,8 @@ impl AveragingTracker {
         })
     }
 
-    /// Whether a change of the readings at this estimate is evidence of a second contact: whether the contact is known, and neither a
-    /// moving object nor friction is probable.
+    /// Whether a change of the readings at this estimate is evidence of a second contact: whether the contact is known, and neither
+    /// a moving object nor friction is probable.
     fn is_known(&self, sd_m: f64) -> bool {
         sd_m <= self.config.second.known_m && !self.moves && self.rubbing_share() <= LIKELY_RUBBING_SHARE
     }

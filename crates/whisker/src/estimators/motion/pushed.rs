@@ -184,8 +184,8 @@ impl Push<'_> {
     }
 
     /// The contact after the push, if the force on an object that stayed at rest would exceed the limit: the centre has moved along
-    /// the force, which is now at the limit. `before` is the tangency before the step, `at_rest` the contact after it without a push.
-    /// `None` if the object rests or no such contact is found.
+    /// the force, which is now at the limit. `before` is the tangency before the step, `at_rest` the contact after it without a
+    /// push. `None` if the object rests or no such contact is found.
     fn pushed(&self, before: &Tangency, at_rest: &Vector2<f64>, radius_m: f64, limit: f64) -> Option<Sliding> {
         let middle_m = product(&self.object.motion.rotation(), &before.middle_m) + self.object.translation();
         let mut place = *at_rest;

@@ -266,8 +266,8 @@ impl Tangency {
         }
     }
 
-    /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact; and the
-    /// tangency there, to within [`LAST_STEP_M`].
+    /// The contact, found from `place` on, at which the object's centre is `middle_m`, if `at` is the tangency at a contact; and
+    /// the tangency there, to within [`LAST_STEP_M`].
     pub(super) fn place_with_middle(
         middle_m: &Vector2<f64>,
         mut place: Vector2<f64>,

@@ -185,8 +185,8 @@ impl<'a> Evidence<'a> {
         added
     }
 
-    /// Adds the costs of the next readings to a tally, and calls `take` for those of a contact: with the contact, the residual and the
-    /// weight of its square.
+    /// Adds the costs of the next readings to a tally, and calls `take` for those of a contact: with the contact, the residual and
+    /// the weight of its square.
     fn each(&self, curve: &Curve, tally: &mut Tally, most: usize, mut take: impl FnMut(&Contact, f64, f64)) -> usize {
         let before = tally.count;
         tally.count = self.readings.len().min(before.saturating_add(most));
@@ -211,8 +211,8 @@ impl<'a> Evidence<'a> {
         self.prior.cost(curve) + tally.cost
     }
 
-    /// Quadratic approximation of the cost, from the tally of all readings, and the gradient that the sensor model's error adds to it
-    /// if that is one standard deviation everywhere. It does not average out: it is nearly the same at nearby contacts.
+    /// Quadratic approximation of the cost, from the tally of all readings, and the gradient that the sensor model's error adds to
+    /// it if that is one standard deviation everywhere. It does not average out: it is nearly the same at nearby contacts.
     pub(super) fn approximation(&self, curve: &Curve, tally: Tally) -> (Quadratic, DVector<f64>) {
         let cost = self.total(curve, &tally);
         let Squares { gradient, curvature, pull, .. } = tally.squares.unwrap_or_else(|| Squares::zeros(curve.size()));

@@ -361,8 +361,8 @@ impl Search {
         ControlFlow::Continue((self.next_way(), work))
     }
 
-    /// Begins with the covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor model
-    /// error that is the same everywhere (a consider parameter: Schmidt 1966).
+    /// Begins with the covariance of the curve's state: that by the readings' noise under the prior, and the effect of a sensor
+    /// model error that is the same everywhere (a consider parameter: Schmidt 1966).
     fn inform(&mut self, side: &Side, mut tally: Tally, most: usize) -> Worked {
         let curve = &self.best.0;
         let evidence = self.evidence(side, self.prior.for_covariance());
@@ -405,8 +405,8 @@ impl Search {
     }
 }
 
-/// Whether a solution waits for the next step of the estimator: with it, the present step would exceed `most`, and has done some work
-/// already.
+/// Whether a solution waits for the next step of the estimator: with it, the present step would exceed `most`, and has done some
+/// work already.
 fn waits(work: usize, solution_work: usize, most: usize) -> bool {
     work > 0 && solution_work > most.saturating_sub(work)
 }

@@ -113,8 +113,8 @@ pub(super) trait Tracker: Send {
         false
     }
 
-    /// Takes the smallest excess, at the present sample, of the models whose object explains all readings. If one of them is small, no
-    /// second fit is needed. Default: it is not used.
+    /// Takes the smallest excess, at the present sample, of the models whose object explains all readings. If one of them is small,
+    /// no second fit is needed. Default: it is not used.
     fn compare(&mut self, _least_excess: f64) {}
 }
 

@@ -64,7 +64,8 @@ pub struct Estimate {
     pub covariance_m2: Matrix3<f64>,
     /// Unit normal of the touched surface in Base, out of the object.
     pub normal: Vector3<f64>,
-    /// Posterior covariance of the normal (rad2), 3x3, singular along the normal itself. Zero if an external program does not state it.
+    /// Posterior covariance of the normal (rad2), 3x3, singular along the normal itself. Zero if an external program does not state
+    /// it.
     pub normal_covariance: Matrix3<f64>,
     /// Direction of the edge or rod. `None` if the method does not estimate it.
     pub direction: Option<Direction>,
@@ -129,8 +130,8 @@ impl TouchDetector {
         }
     }
 
-    /// Takes the next sample in the order of time. Returns the sample and whether the whisker touches, `None` if its reading is gated.
-    /// The rest reading is subtracted; motion and duration include those of the gated samples before it.
+    /// Takes the next sample in the order of time. Returns the sample and whether the whisker touches, `None` if its reading is
+    /// gated. The rest reading is subtracted; motion and duration include those of the gated samples before it.
     pub fn step(&mut self, sample: &Sample) -> Option<(Sample, bool)> {
         let missed = self.missed.take();
         let (motion, dt_s) = missed.map_or((sample.motion, sample.dt_s), |(motion, duration_s)| {
@@ -168,8 +169,8 @@ pub struct Estimator {
     tracker: Option<Box<dyn Tracker>>,
     /// Whether the method revises the estimates of a touch when it has ended.
     looks_back: bool,
-    /// For each sample since the touch, whether the method took it: not if its reading was gated. Empty while the whisker is free, and
-    /// for causal methods.
+    /// For each sample since the touch, whether the method took it: not if its reading was gated. Empty while the whisker is free,
+    /// and for causal methods.
     taken: Vec<bool>,
     /// Estimates of the taken samples of a touch that has ended.
     revised: Option<Vec<Option<Estimate>>>,
@@ -177,8 +178,8 @@ pub struct Estimator {
 
 impl Estimator {
     /// Takes the next sample in the order of time. `None` while the whisker is free, and at a reading beyond the
-    /// [`ReadingGate`], which counts as missing. While no contact is detected, a contact with a known object is stated if the reading
-    /// shows it. Nothing is revised; see [`Estimator::push`].
+    /// [`ReadingGate`], which counts as missing. While no contact is detected, a contact with a known object is stated if the
+    /// reading shows it. Nothing is revised; see [`Estimator::push`].
     pub fn step(&mut self, sample: &Sample) -> Option<Estimate> {
         let estimate = self.advance(sample);
         self.revised = None;

@@ -5,9 +5,9 @@
 //! posterior probability. Until the first fits have ended, the priors are the weights, and the estimate is that of a filter whose
 //! contact slides along a rod: the filters with which the fits begin assume a contact at rest, and would be overconfident. The same
 //! filter takes the place of fits whose readings do not determine the contact, for example of a base at rest. The
-//! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty. Surfaces
-//! of two curvatures, the most flexible objects, have the smallest prior. The models are in doubt if the innovations of the mixture
-//! are too large, as in the plane, or if the readings contradict the fits with more than half of the probability.
+//! estimate is the mean and covariance of the mixture, so that the disagreement of probable candidates counts as uncertainty.
+//! Surfaces of two curvatures, the most flexible objects, have the smallest prior. The models are in doubt if the innovations of
+//! the mixture are too large, as in the plane, or if the readings contradict the fits with more than half of the probability.
 
 use std::sync::Arc;
 
@@ -29,7 +29,8 @@ use crate::space::sensor::CalibratedSpace;
 /// object are the priors.
 const SAME_OBJECT: f64 = 0.5;
 
-/// Probability of the candidates whose contact is determined above which the innovations of the mixture count for the signal of doubt.
+/// Probability of the candidates whose contact is determined above which the innovations of the mixture count for the signal of
+/// doubt.
 const DETERMINED: f64 = 0.9;
 
 /// A method to average over.
@@ -55,7 +56,8 @@ pub(super) struct Config {
     /// The candidates.
     candidates: Vec<Candidate>,
     /// Filter whose estimate replaces those of candidates whose contact is not determined yet. Not used for real sensors, whose
-    /// contact may stick. `null`: such candidates keep their own estimates, at first those of filters that assume a contact at rest.
+    /// contact may stick. `null`: such candidates keep their own estimates, at first those of filters that assume a contact at
+    /// rest.
     early: Option<follower::Config>,
     /// Power of the evidence: below 1 because the errors of neighbouring readings depend on one another, as those of a wrong
     /// model and of the ringing do.
@@ -98,9 +100,9 @@ impl UnknownMounting {
 
 impl Default for Config {
     /// The factor, the early filter and the weights of the objects along which a contact slides were chosen on random scenes in
-    /// space that are not reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as probable
-    /// as one that slides. Sliding over a wide object is evident from the readings. The mounting has the standard deviations of
-    /// `installed` in the plane.
+    /// space that are not reported. Friction holds a real wire on thin objects: a contact that sticks is about four times as
+    /// probable as one that slides. Sliding over a wide object is evident from the readings. The mounting has the standard
+    /// deviations of `installed` in the plane.
     fn default() -> Self {
         let candidate = |(name, weight): (&str, f64)| Candidate {
             name: name.into(),
@@ -230,9 +232,9 @@ struct Average {
 }
 
 impl Average {
-    /// Probabilities of the candidates. One without evidence has the smallest of the others. If the readings contradict all objects,
-    /// differences of the log evidence are divided by the smallest excess, as for overdispersed data (Burnham and Anderson, "Model
-    /// selection and multimodel inference", 2002, section 2.5).
+    /// Probabilities of the candidates. One without evidence has the smallest of the others. If the readings contradict all
+    /// objects, differences of the log evidence are divided by the smallest excess, as for overdispersed data (Burnham and
+    /// Anderson, "Model selection and multimodel inference", 2002, section 2.5).
     fn shares(&self) -> Vec<f64> {
         let trackers = self.trackers.iter().zip(&self.before);
         let evidence: Vec<_> = trackers.map(|(tracker, before)| Some(tracker.log_evidence()? - before)).collect();

@@ -1,28 +1,29 @@
 //! Oscillation of the wire along the surface that it touches.
 //!
 //! Without friction, elasticity alone holds the wire along the surface. If it is displaced by `y` across itself from the
-//! equilibrium, the force of its deflection is turned from the normal by the angle `k y / F`, with the force `F` of the contact, and
+//! equilibrium, the force of its deflection is turned from the normal by the angle `k y / F`, with the force `F` of the contact,
+//! and
 //!
 //! ```text
 //! m y'' + c y' + k y = -m_a a - m_r r - m b - T F n'        c = T k
 //! ```
 //!
 //! where `a` is the acceleration of the base, `r` the acceleration of the contact due to the rotation of the base, `b` that of the
-//! equilibrium relative to the base, `n'` the rate of change of the direction of the equilibrium's force across the wire, in Base, and
-//! `T` the ratio of damping to stiffness of the material. The masses `m`, `m_a` and `m_r` are those of a wire that bends, that
+//! equilibrium relative to the base, `n'` the rate of change of the direction of the equilibrium's force across the wire, in Base,
+//! and `T` the ratio of damping to stiffness of the material. The masses `m`, `m_a` and `m_r` are those of a wire that bends, that
 //! accelerates as a whole, and that rotates about its root ([`Masses`]): the rotation accelerates the free end of a wire that is
 //! touched near the root far more than the contact. They are those of a straight wire. If the accelerations vary slowly, the angle
 //! without damping is `-(m_a a + m_r r + m b) / F`. Otherwise, since the equation is linear, it is the same expression with the
 //! response of a damped oscillator to the accelerations in their place.
 //!
-//! The elastic force lags behind that of the contact by the time `T`, for small deflections exactly. If the contact slides along the
-//! whisker or the deflection changes, the damping adds the angle `-T n'`. Where this angle varies slowly, the response of the
+//! The elastic force lags behind that of the contact by the time `T`, for small deflections exactly. If the contact slides along
+//! the whisker or the deflection changes, the damping adds the angle `-T n'`. Where this angle varies slowly, the response of the
 //! oscillator is not applied to it.
 //!
 //! Over the short time of an oscillation, `b` usually depends linearly on the acceleration of the base. The oscillator is therefore
-//! driven by the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness `k`
-//! follows from the displacement of the contact by a tilt of the normal. Where the equilibrium moves fast, [`super::motion::Swing`]
-//! computes the additional tilt for each object.
+//! driven by the acceleration of the base, in six components, and the object determines the angle from the response. The stiffness
+//! `k` follows from the displacement of the contact by a tilt of the normal. Where the equilibrium moves fast,
+//! [`super::motion::Swing`] computes the additional tilt for each object.
 
 use std::f64::consts::PI;
 

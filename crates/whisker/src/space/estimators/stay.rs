@@ -1,8 +1,8 @@
 //! Readings at one pose of the base.
 //!
-//! They say no more about the contact than their mean. If a filter took them one by one, it would linearise each at another contact,
-//! and become certain of a place along the whisker, which two moments leave open. Filters therefore condition the hypotheses from
-//! before the first of the readings on the mean of all of them.
+//! They say no more about the contact than their mean. If a filter took them one by one, it would linearise each at another
+//! contact, and become certain of a place along the whisker, which two moments leave open. Filters therefore condition the
+//! hypotheses from before the first of the readings on the mean of all of them.
 
 use filters::Bank;
 use nalgebra::Vector2;

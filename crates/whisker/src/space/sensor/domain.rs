@@ -47,8 +47,8 @@ impl SpatialDomain {
         Axis::new(whisker, self.across)
     }
 
-    /// The region covered by samples, whose coordinates displace contacts in the direction of `across`. `None` if they do not spread
-    /// along the whisker and in more than one plane.
+    /// The region covered by samples, whose coordinates displace contacts in the direction of `across`. `None` if they do not
+    /// spread along the whisker and in more than one plane.
     pub fn covering(samples: &[Around], across: Across) -> Option<Self> {
         let low = samples.iter().map(|sample| sample.along_m).fold(f64::INFINITY, f64::min);
         let high = samples.iter().map(|sample| sample.along_m).fold(f64::NEG_INFINITY, f64::max);
@@ -163,8 +163,8 @@ impl SpatialDomain {
         self.held(at).0
     }
 
-    /// The nearest coordinates within the region as in [`Self::clamp`], and their position in it: along, and away by the share of the
-    /// largest distance.
+    /// The nearest coordinates within the region as in [`Self::clamp`], and their position in it: along, and away by the share of
+    /// the largest distance.
     pub(crate) fn held(&self, at: Around) -> (Around, Shares) {
         let (low, high) = self.arc_range_m();
         let held = Around { along_m: at.along_m.clamp(low, high), ..at };
@@ -179,7 +179,8 @@ impl SpatialDomain {
         (Around { left_m: share * held.left_m, up_m: share * held.up_m, ..held }, shares)
     }
 
-    /// Position of a contact within the region, away by the share of the largest distance. Positions outside are moved to the border.
+    /// Position of a contact within the region, away by the share of the largest distance. Positions outside are moved to the
+    /// border.
     pub fn shares(&self, at: Around) -> Shares {
         self.held(at).1
     }

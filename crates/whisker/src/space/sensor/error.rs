@@ -1,5 +1,5 @@
-//! Error of a sensor model over its calibrated domain, in addition to that which the model predicts, as a covariance of both bending
-//! moments.
+//! Error of a sensor model over its calibrated domain, in addition to that which the model predicts, as a covariance of both
+//! bending moments.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -66,9 +66,9 @@ fn axes(at: Around) -> Matrix2<f64> {
 }
 
 impl SpatialErrorMap {
-    /// The map of residuals on held-out data. `least` is the smallest variance of each moment. The variances that the model predicts are
-    /// subtracted, since they are added to the map: at the contacts of the calibration, the sum is the error on held-out data, or the
-    /// predicted one if it is larger, and it varies elsewhere as the predicted variances do.
+    /// The map of residuals on held-out data. `least` is the smallest variance of each moment. The variances that the model
+    /// predicts are subtracted, since they are added to the map: at the contacts of the calibration, the sum is the error on
+    /// held-out data, or the predicted one if it is larger, and it varies elsewhere as the predicted variances do.
     pub(super) fn new(domain: &SpatialDomain, residuals: &[Residual], least: f64) -> Self {
         let (along, away) = NODES;
         let mut weights = vec![0.0; along * away];
@@ -121,8 +121,8 @@ impl SpatialErrorMap {
             && self.correlation_m.is_none_or(|length_m| length_m.is_finite() && length_m > 0.0)
     }
 
-    /// Covariance of these errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2, given its position within the
-    /// calibrated domain.
+    /// Covariance of these errors of the bending moments about y and z of Base at a contact (N2 m2), 2x2, given its position within
+    /// the calibrated domain.
     pub(crate) fn covariance_at(&self, at: Around, shares: Shares) -> Matrix2<f64> {
         let mut covariance = Matrix2::zeros();
         for (node, weight) in corners(self.along, self.away, shares) {

@@ -136,10 +136,10 @@ pub trait SpatialModel: Debug + Send + Sync {
         (reading_n_m, gradient_n * jacobian)
     }
 
-    /// Standard deviations of the bending moments about y and z of Base about the expected ones (N m), 2x1, as predicted by the model for
-    /// a contact within the calibrated domain. They include errors that differ from reading to reading as those of the calibration do,
-    /// but not the measurement noise of other recordings; both moments are independent. By default 0: [`SpatialErrorMap`] then contains
-    /// the whole error.
+    /// Standard deviations of the bending moments about y and z of Base about the expected ones (N m), 2x1, as predicted by the
+    /// model for a contact within the calibrated domain. They include errors that differ from reading to reading as those of the
+    /// calibration do, but not the measurement noise of other recordings; both moments are independent. By default 0:
+    /// [`SpatialErrorMap`] then contains the whole error.
     fn sd_n_m(&self, _: Around) -> Vector2<f64> {
         Vector2::zeros()
     }
@@ -166,8 +166,8 @@ pub struct FittedSpatialModel {
     pub model: Box<dyn SpatialModel>,
     /// Predictions on held-out lines.
     pub without: Without,
-    /// Correlations of the errors at pairs of contacts of one touch, as predicted by the model. `None` if the model predicts none; those
-    /// of the errors on held-out lines are then used.
+    /// Correlations of the errors at pairs of contacts of one touch, as predicted by the model. `None` if the model predicts none;
+    /// those of the errors on held-out lines are then used.
     pub correlations: Option<Vec<Correlation>>,
 }
 

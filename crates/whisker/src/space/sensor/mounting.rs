@@ -68,12 +68,12 @@ pub struct FittedTouch {
     pub contacts: usize,
     /// Number of these that are in the calibrated domain and agree with the mounting.
     pub used: usize,
-    /// Root mean square residual of the readings of the used contacts (N m), each moment: with the nominal mounting, of those that are
-    /// then in the calibrated domain, and with the one that was learnt. `None` if there are none.
+    /// Root mean square residual of the readings of the used contacts (N m), each moment: with the nominal mounting, of those that
+    /// are then in the calibrated domain, and with the one that was learnt. `None` if there are none.
     pub residuals_n_m: Option<[f64; 2]>,
-    /// Root mean square of the residuals of all contacts in the calibrated domain with the mounting that follows from the other touches,
-    /// normalised by their joint covariance, which includes that of this mounting. 1 is expected. `None` if there are no other touches,
-    /// if they determine no mounting, or if no contact is in the domain.
+    /// Root mean square of the residuals of all contacts in the calibrated domain with the mounting that follows from the other
+    /// touches, normalised by their joint covariance, which includes that of this mounting. 1 is expected. `None` if there are no
+    /// other touches, if they determine no mounting, or if no contact is in the domain.
     pub disagreement: Option<f64>,
 }
 
@@ -113,7 +113,8 @@ impl Mounting {
         Self { shift_m: Vector3::zeros(), turn_rad: Vector3::zeros(), covariance: Matrix6::from_diagonal(&variances) }
     }
 
-    /// The largest of the deviations along and about the axes, over the standard deviations that are expected of a remounted sensor.
+    /// The largest of the deviations along and about the axes, over the standard deviations that are expected of a remounted
+    /// sensor.
     pub fn size(&self) -> f64 {
         self.vector().component_div(&Self::prior().covariance.diagonal().map(f64::sqrt)).amax()
     }
@@ -201,7 +202,8 @@ impl Touches<'_> {
         FittedTouch { contacts: contacts.len(), used: rows.len(), residuals_n_m, disagreement }
     }
 
-    /// [`FittedTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated domain.
+    /// [`FittedTouch::disagreement`] of a touch, given the mounting by the others. `None` if no contact is in the calibrated
+    /// domain.
     fn disagreement(&self, by_others: &Mounting, touch: &[KnownContact]) -> Option<f64> {
         let rows: Vec<Row> = touch.iter().filter_map(|known| self.row(by_others, known)).collect();
         if rows.is_empty() {

@@ -15,8 +15,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{Around, SpatialDomain};
 
-/// Nodes along the whisker and across. Stored calibrations depend on them, on the margin and on the exponents (`log_sds` of a Gaussian
-/// process).
+/// Nodes along the whisker and across. Stored calibrations depend on them, on the margin and on the exponents (`log_sds` of a
+/// Gaussian process).
 const NODES: [usize; 3] = [19, 13, 13];
 
 /// Numbers that are computed together.
@@ -133,8 +133,8 @@ fn slice<const C: usize, State: Copy>(
 }
 
 impl<const C: usize> Table<C> {
-    /// Tabulates `values`, which may be computed from the result of a neighbouring node, with a thread per processor. `None` if it has
-    /// no values somewhere.
+    /// Tabulates `values`, which may be computed from the result of a neighbouring node, with a thread per processor. `None` if it
+    /// has no values somewhere.
     pub(crate) fn new<State: Copy + Send>(
         grid: Grid,
         values: impl Fn(Around, Option<State>) -> Option<(SVector<f64, C>, State)> + Sync,

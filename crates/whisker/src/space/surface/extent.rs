@@ -1,15 +1,15 @@
 //! Uncertainty of a surface between and beyond its touched points.
 //!
-//! The points of a stroke determine the curvature along the stroke, not across it: a plane and a thin rod give the same points. Beyond
-//! the convex hull of the points, projected along the normal, the surface may end at an edge, and so the distance from the hull is added
-//! to the standard deviation in quadrature. The places of the points across the normal are themselves uncertain, as those of contacts
-//! along a whisker are: on a thin object, a contact that is displaced by its standard deviation lies beside the object. The hull is
-//! therefore that of displaced points, and its distance the root mean square over the displacement, which is common to all points of
-//! the hull.
+//! The points of a stroke determine the curvature along the stroke, not across it: a plane and a thin rod give the same points.
+//! Beyond the convex hull of the points, projected along the normal, the surface may end at an edge, and so the distance from the
+//! hull is added to the standard deviation in quadrature. The places of the points across the normal are themselves uncertain, as
+//! those of contacts along a whisker are: on a thin object, a contact that is displaced by its standard deviation lies beside the
+//! object. The hull is therefore that of displaced points, and its distance the root mean square over the displacement, which is
+//! common to all points of the hull.
 //!
-//! Within the hull, the normal may turn steadily or at an edge. If it turns by the angle `t` between the points around, a smooth and an
-//! edged surface differ by at most `d t` at a distance `d` from the nearest point; the standard deviation includes `d t / sqrt(12)`, that
-//! of a uniform distribution.
+//! Within the hull, the normal may turn steadily or at an edge. If it turns by the angle `t` between the points around, a smooth
+//! and an edged surface differ by at most `d t` at a distance `d` from the nearest point; the standard deviation includes
+//! `d t / sqrt(12)`, that of a uniform distribution.
 //!
 //! Points that are farther away, or less certain, may enlarge the hull or make it less certain. Of the hulls of the points up to a
 //! distance and a standard deviation, the one that gives the smallest value counts.
@@ -47,8 +47,8 @@ impl PointAround {
     }
 }
 
-/// Standard deviation (m) of the surface at a place with this normal, for what the points leave undetermined: those within `reach_m` that
-/// do not face the other way. Infinite without any, or without a normal.
+/// Standard deviation (m) of the surface at a place with this normal, for what the points leave undetermined: those within
+/// `reach_m` that do not face the other way. Infinite without any, or without a normal.
 pub(super) fn undetermined_sd_m(
     points: &[OrientedPoint],
     reach_m: f64,
@@ -95,8 +95,8 @@ fn least_sd_m(points: &[&PointAround]) -> f64 {
     }
 }
 
-/// Root mean square distance from a convex polygon of the origin, displaced by an error with a normal distribution and this square root
-/// of its covariance: by cubature of the third degree.
+/// Root mean square distance from a convex polygon of the origin, displaced by an error with a normal distribution and this square
+/// root of its covariance: by cubature of the third degree.
 fn from_hull_m(hull: &[Vector2<f64>], root_m: &Matrix2<f64>) -> f64 {
     let displaced = root_m * 2_f64.sqrt();
     let squares =

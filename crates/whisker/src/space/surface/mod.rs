@@ -9,20 +9,20 @@
 //! k = s^2 (1 + a + a^2 / 3) exp(-a)    a = sqrt(5) r / l
 //! ```
 //!
-//! with `s = l / sqrt(5)`, so that the mean square of the gradient is 1, as for a distance. The standard deviation of a curvature is
-//! then `sqrt(5) / l`. The length scale `l` is given, or the one with the largest evidence.
+//! with `s = l / sqrt(5)`, so that the mean square of the gradient is 1, as for a distance. The standard deviation of a curvature
+//! is then `sqrt(5) / l`. The length scale `l` is given, or the one with the largest evidence.
 //!
 //! Estimates of one touch are estimates of the same unknowns from more and more readings: the error of an estimate is that of a
 //! later one plus an independent part. The errors of two points of a touch therefore have the smaller of both variances as their
-//! covariance, as those of a Kalman filter without process noise. A tenth of the variance of each point is added as independent error.
-//! Errors of different touches count as independent.
+//! covariance, as those of a Kalman filter without process noise. A tenth of the variance of each point is added as independent
+//! error. Errors of different touches count as independent.
 //!
-//! The standard deviation also includes what the points leave undetermined: beyond their convex hull, which is as uncertain as the places
-//! of the points, the distance from it; within the hull, an edge at which the normal may turn.
+//! The standard deviation also includes what the points leave undetermined: beyond their convex hull, which is as uncertain as the
+//! places of the points, the distance from it; within the hull, an edge at which the normal may turn.
 //!
 //! [`ImplicitSurface::add`] takes points one by one, each in a time proportional to the square of the number of points used, with a
-//! given length scale. [`ImplicitSurface::fit`] takes all points at once and also chooses the length scale. Unless points are left out,
-//! both give the same surface for the same length scale.
+//! given length scale. [`ImplicitSurface::fit`] takes all points at once and also chooses the length scale. Unless points are left
+//! out, both give the same surface for the same length scale.
 
 mod extent;
 
@@ -150,8 +150,8 @@ impl Kernel {
     }
 }
 
-/// Covariance of the errors of two points: that of the place and that of each coordinate of the normal; with the independent part if
-/// `is_same`.
+/// Covariance of the errors of two points: that of the place and that of each coordinate of the normal; with the independent part
+/// if `is_same`.
 fn errors(one: &OrientedPoint, other: &OrientedPoint, is_same: bool) -> [f64; 2] {
     let common = |one: f64, other: f64| one.min(other).powi(2);
     let mut covariance = if one.touch == other.touch {
@@ -187,9 +187,9 @@ impl ImplicitSurface {
         Self { kernel, points: Vec::new(), factor: Vec::new(), whitened: Vec::new(), weights: Vec::new() }
     }
 
-    /// The surface of many points, with the length scale of the largest evidence. Of more than 120 points, the one of each touch in each
-    /// cell of 1 mm with the smallest covariance (trace) is used; the cells are doubled up to seven times, and after that the 120 points with the most certain
-    /// normals are used. `None` without length scales.
+    /// The surface of many points, with the length scale of the largest evidence. Of more than 120 points, the one of each touch in
+    /// each cell of 1 mm with the smallest covariance (trace) is used; the cells are doubled up to seven times, and after that the
+    /// 120 points with the most certain normals are used. `None` without length scales.
     pub fn fit(points: &[OrientedPoint], lengths_m: &[f64]) -> Option<Self> {
         let points = thinned(points);
         let of_length = |length_m: &f64| {
@@ -201,8 +201,8 @@ impl ImplicitSurface {
         lengths_m.iter().map(of_length).max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()))
     }
 
-    /// Adds a point, unless another one of its touch is less than 1 mm away and nearly as certain, along the normal and in all. Returns whether it is used. The
-    /// length of the path over the object therefore limits the number of points used.
+    /// Adds a point, unless another one of its touch is less than 1 mm away and nearly as certain, along the normal and in all.
+    /// Returns whether it is used. The length of the path over the object therefore limits the number of points used.
     pub fn add(&mut self, point: &OrientedPoint) -> bool {
         let is_redundant_beside = |other: &OrientedPoint| {
             other.touch == point.touch
@@ -260,8 +260,8 @@ impl ImplicitSurface {
         weighted.sum()
     }
 
-    /// Projects a point onto the surface along the gradient, by Newton's method. `None` if it does not converge within 20 steps, or a
-    /// step exceeds the length scale.
+    /// Projects a point onto the surface along the gradient, by Newton's method. `None` if it does not converge within 20 steps, or
+    /// a step exceeds the length scale.
     pub fn project(&self, at: Point<World>) -> Option<ProjectedPoint> {
         let mut at = at.vector();
         for _ in 0..MOST_STEPS {

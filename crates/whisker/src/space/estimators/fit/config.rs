@@ -24,8 +24,8 @@ pub(in crate::space::estimators) struct Config {
     /// Gate, in standard deviations: the residual of a mean beyond it counts by its logarithm.
     pub(in crate::space::estimators) gate_sds: f64,
     /// Evaluations of the whisker's geometry per sample after which the searches pause, which bound the time of a step but for the
-    /// mean in progress and a second fit. More in proportion if samples are more than 4 ms apart, so that a search takes the same time
-    /// at low rates.
+    /// mean in progress and a second fit. More in proportion if samples are more than 4 ms apart, so that a search takes the same
+    /// time at low rates.
     pub(in crate::space::estimators) evaluations_per_step: usize,
     /// Standard deviation of the contact for deviations of the object from its model.
     pub(in crate::space::estimators) deviation_m: f64,

@@ -12,9 +12,9 @@ use crate::frames::Start;
 use crate::space::frames::Point;
 use crate::space::sensor::exponential;
 
-/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error: the variance of a
-/// change is at least half that of the error. The contacts of a calibration are millimetres apart and do not determine changes over
-/// shorter distances, such as those by stick-slip.
+/// Smallest standard deviation of the change of an error from one mean to the next, relative to that of the error: the variance of
+/// a change is at least half that of the error. The contacts of a calibration are millimetres apart and do not determine changes
+/// over shorter distances, such as those by stick-slip.
 const LEAST_CHANGE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Mean of readings, normalised by its covariance, whose error is correlated with that of the next mean.

@@ -27,8 +27,8 @@ impl LogEvidence {
         self.round.is_some()
     }
 
-    /// That of a fit which began anew, if one object explains the readings of both fits: `of_all` is the evidence of the means of both,
-    /// `since` that of the readings since these means were taken.
+    /// That of a fit which began anew, if one object explains the readings of both fits: `of_all` is the evidence of the means of
+    /// both, `since` that of the readings since these means were taken.
     pub(super) fn joined(&self, forerunner: &Self, of_all: f64, since: f64) -> Self {
         let joined = Self { round: Some(of_all), since, before: forerunner.before, consistent: None };
         joined.consistent()

@@ -1,11 +1,11 @@
 //! Readings of a fit that ended, joined to those of the fit that began anew.
 //!
-//! A fit begins anew where it loses the contact or where the whisker has slipped to another edge. In the former case the object may have
-//! been wrong, because few readings had determined it, and the new fit may find the object that explains the readings of both. When the
-//! new fit has settled, its object is therefore searched once more with all readings. If they do not contradict it, and one object is
-//! more probable than two, one after the other, the readings are joined, and their evidence replaces that of the fit that ended. The
-//! evidence of two objects includes that of the readings without a contact, which is small: a change of the object during a touch is
-//! improbable. If the new fit begins anew before, only its own readings can be joined to those of the next one.
+//! A fit begins anew where it loses the contact or where the whisker has slipped to another edge. In the former case the object may
+//! have been wrong, because few readings had determined it, and the new fit may find the object that explains the readings of both.
+//! When the new fit has settled, its object is therefore searched once more with all readings. If they do not contradict it, and
+//! one object is more probable than two, one after the other, the readings are joined, and their evidence replaces that of the fit
+//! that ended. The evidence of two objects includes that of the readings without a contact, which is small: a change of the object
+//! during a touch is improbable. If the new fit begins anew before, only its own readings can be joined to those of the next one.
 
 use super::evidence::LogEvidence;
 use super::memory::Memory;
@@ -37,8 +37,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(Forerunner { readings: self.readings.seen_from(&self.start_anew()), evidence: self.log_evidence })
     }
 
-    /// Begins to search the object of the likeliest mode with the readings of both fits, once this fit has settled and the readings do
-    /// not contradict it.
+    /// Begins to search the object of the likeliest mode with the readings of both fits, once this fit has settled and the readings
+    /// do not contradict it.
     pub(super) fn begin_joining(&mut self) {
         let is_confirmed = self.is_fitted() && self.earlier != Earlier::Unconfirmed;
         let is_sure = is_confirmed && self.has_settled() && self.contradicted_s.is_none();

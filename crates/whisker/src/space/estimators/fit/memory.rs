@@ -48,8 +48,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.memory.iter_mut().zip(kept).for_each(|(memory, kept)| memory.samples.push(kept));
     }
 
-    /// Takes the kept samples for a fit that begins anew at the present pose. If the new fit has another object, that object is to explain
-    /// all of them; otherwise their estimates are first revised by this fit.
+    /// Takes the kept samples for a fit that begins anew at the present pose. If the new fit has another object, that object is to
+    /// explain all of them; otherwise their estimates are first revised by this fit.
     pub(super) fn handed_over(&mut self, is_another: bool) -> Option<Memory> {
         let mut memory = self.memory.take()?;
         let samples = std::mem::take(&mut memory.samples);

@@ -25,8 +25,8 @@
 //! they do neither for a second, there are estimates, with a covariance that includes the innovations.
 //!
 //! The fit ([`Fitter`]) keeps [`readings`], from which searches ([`search`]) find its modes ([`mode`]). The modes state the present
-//! contact ([`present`]) and the evidence of the model ([`evidence`]). In hindsight, they state the contact at every sample of a touch
-//! ([`memory`]). While the readings contradict the object, a second fit is made to the later readings ([`successor`]).
+//! contact ([`present`]) and the evidence of the model ([`evidence`]). In hindsight, they state the contact at every sample of a
+//! touch ([`memory`]). While the readings contradict the object, a second fit is made to the later readings ([`successor`]).
 
 mod config;
 mod correlated;
@@ -135,8 +135,8 @@ pub(super) struct Fitter<Model: Shape<N>, const N: usize> {
     starts: Vec<Mode<Model::Object, N>>,
     next_start: usize,
     round: Option<Round<Model::Object, N>>,
-    /// The fit that ended when this one began anew, until it is known whether one object explains the readings of both, and the search
-    /// that decides it.
+    /// The fit that ended when this one began anew, until it is known whether one object explains the readings of both, and the
+    /// search that decides it.
     forerunner: Option<Forerunner>,
     joining: Option<Joining<Model::Object, N>>,
     /// Time since the last contact with the object.
@@ -225,8 +225,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         self.base.inverse().then(&Pose::identity())
     }
 
-    /// Begins a touch of a known object: its contact is sought from that of the last sample. The motions of the wire go on only if the
-    /// contact was expected.
+    /// Begins a touch of a known object: its contact is sought from that of the last sample. The motions of the wire go on only if
+    /// the contact was expected.
     fn approach(&mut self) {
         if !self.regained.is_there() {
             self.calm();

@@ -73,8 +73,8 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(Estimate { model_doubtful: Some(self.is_contradicted()), ..estimate })
     }
 
-    /// The estimates at the samples of this touch by the present modes, which all readings determine. All are `None` if the object is
-    /// not known.
+    /// The estimates at the samples of this touch by the present modes, which all readings determine. All are `None` if the object
+    /// is not known.
     pub(super) fn revisited(&self, samples: &[KeptSample]) -> Vec<Option<Estimate>> {
         let Some(first) = samples.first().filter(|_| self.is_fitted() && self.earlier != Earlier::Unconfirmed) else {
             return vec![None; samples.len()];
@@ -123,8 +123,9 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
         Some(estimate)
     }
 
-    /// Belief about the state of a mode at a sample, and the innovation of its reading, as of one that the fit does not include. Called
-    /// for consecutive samples, in either direction of time: the contact is sought from that of the sample before in the sequence.
+    /// Belief about the state of a mode at a sample, and the innovation of its reading, as of one that the fit does not include.
+    /// Called for consecutive samples, in either direction of time: the contact is sought from that of the sample before in the
+    /// sequence.
     fn present(
         &self,
         mode: &mut Mode<Model::Object, N>,

@@ -87,10 +87,10 @@ impl<const N: usize> Quadratic<N> {
         found
     }
 
-    /// Covariance of the state at a minimum. The inverse of the curvature maps errors of the gradient to errors of the state: those that
-    /// are independent from reading to reading, and those that are common to all readings. Errors of the sensor model reduce the weight
-    /// of a reading, but count only as common errors, unless the links account for them. The covariance of the tilt is zero. `None`
-    /// unless the curvature is positive definite.
+    /// Covariance of the state at a minimum. The inverse of the curvature maps errors of the gradient to errors of the state: those
+    /// that are independent from reading to reading, and those that are common to all readings. Errors of the sensor model reduce
+    /// the weight of a reading, but count only as common errors, unless the links account for them. The covariance of the tilt is
+    /// zero. `None` unless the curvature is positive definite.
     pub(super) fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let inverse = self.curvature.cholesky()?.inverse();
         let common = inverse * self.pull;

@@ -156,8 +156,8 @@ impl<Body: Object, const N: usize> Fitted<Body, N> {
         contact.0.slopes * self.displacement(shape, motion, contact, (of_base, STEP_S2))
     }
 
-    /// Displacement of the contact, in the coordinates about the whisker, if the base is displaced by `multiple` times `of_base`, divided
-    /// by `multiple`.
+    /// Displacement of the contact, in the coordinates about the whisker, if the base is displaced by `multiple` times `of_base`,
+    /// divided by `multiple`.
     fn displacement<Model: Shape<N, Object = Body>>(
         &self,
         shape: &Model,

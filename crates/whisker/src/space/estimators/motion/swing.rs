@@ -1,16 +1,16 @@
 //! Swing of the wire along an object, where the equilibrium of the contact moves fast.
 //!
-//! Where the contact is close to unstable, a small motion of the base moves the equilibrium far along a curved path, and the wire swings
-//! about it afterwards. The acceleration of the equilibrium is then larger than the part that depends linearly on the acceleration of
-//! the base, and the damping does not vary slowly ([`ringing`]). Both turn the normal by the angle `u`,
+//! Where the contact is close to unstable, a small motion of the base moves the equilibrium far along a curved path, and the wire
+//! swings about it afterwards. The acceleration of the equilibrium is then larger than the part that depends linearly on the
+//! acceleration of the base, and the damping does not vary slowly ([`ringing`]). Both turn the normal by the angle `u`,
 //!
 //! ```text
 //! u = (m (b - b_a) + T F n') / F
 //! ```
 //!
-//! with `b`, the second difference of the contact in Base, `n'` of the equilibrium, and `b_a` the part of `b` due to the acceleration of
-//! the base. The tilt is the response of the oscillator to `u`. The response to the acceleration of the base contains `b_a`; that the
-//! frequency and the slopes of the object vary meanwhile is neglected.
+//! with `b`, the second difference of the contact in Base, `n'` of the equilibrium, and `b_a` the part of `b` due to the
+//! acceleration of the base. The tilt is the response of the oscillator to `u`. The response to the acceleration of the base
+//! contains `b_a`; that the frequency and the slopes of the object vary meanwhile is neglected.
 
 use nalgebra::{Vector1, Vector3};
 
@@ -65,7 +65,8 @@ pub(in crate::space::estimators) struct Swing {
 }
 
 impl Swing {
-    /// Takes the equilibrium at the next sample, with the angular frequency without damping. Values that are not numbers end the swing.
+    /// Takes the equilibrium at the next sample, with the angular frequency without damping. Values that are not numbers end the
+    /// swing.
     pub(in crate::space::estimators) fn advance(
         &mut self,
         equilibrium: &Equilibrium,
@@ -99,8 +100,9 @@ impl Swing {
         self.tilt = if counts { SwingTilt { rad: self.rad, size_rad2 } } else { SwingTilt::default() };
     }
 
-    /// Continues the oscillation with a new estimate of the object. The contact changes with the estimate, which is not a motion of the
-    /// wire: at the next two samples, the acceleration of the contact is not known, and the damping alone drives the oscillation.
+    /// Continues the oscillation with a new estimate of the object. The contact changes with the estimate, which is not a motion of
+    /// the wire: at the next two samples, the acceleration of the contact is not known, and the damping alone drives the
+    /// oscillation.
     pub(in crate::space::estimators) fn change_object(&mut self) {
         (self.last, self.velocity_m_s) = (None, None);
     }

@@ -5,9 +5,9 @@
 //! without this term, they would distort the smooth map. Correlation lengths and standard deviations are those that predict
 //! held-out lines best, and samples that contradict all others are left out. Nothing is assumed about the mechanics of the whisker.
 //!
-//! The expected reading is a sum over all samples, and the variance of its error one over all pairs of samples. Readings and standard
-//! deviations are tabulated over the calibrated domain, so that a prediction takes the same time for any number of samples. The
-//! standard deviation is small near the samples and grows with the distance from them.
+//! The expected reading is a sum over all samples, and the variance of its error one over all pairs of samples. Readings and
+//! standard deviations are tabulated over the calibrated domain, so that a prediction takes the same time for any number of
+//! samples. The standard deviation is small near the samples and grows with the distance from them.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -85,8 +85,8 @@ struct Stored {
     /// Largest absolute reading of a channel among the samples, by which the readings of `mean` are divided.
     largest_reading_n_m: f64,
     mean: Mean,
-    /// Natural logarithms of the predicted standard deviations of both moments, relative to the largest reading, at the nodes of the
-    /// table ([`Grid::nodes`]).
+    /// Natural logarithms of the predicted standard deviations of both moments, relative to the largest reading, at the nodes of
+    /// the table ([`Grid::nodes`]).
     log_sds: Vec<[f64; 2]>,
 }
 
