@@ -7,7 +7,9 @@ use bag::messages::{JointState, TfMessage, TransformStamped, Vector3};
 use bag::{Writer, topics};
 use trace::{ArrayRecording, JointInstant, MountedWhisker, Trace};
 
-use super::{Export, Row, Staging, time_ns};
+use super::plane::transform;
+use super::rows::{Row, time_ns};
+use super::staging::{Export, Staging};
 
 /// Writes an array recording: the angles of the arm's joints, the frames of the whiskers' bases, and for each whisker its
 /// moment and its true contacts, the topics after `/<whisker>`.
@@ -67,7 +69,7 @@ fn joint_state(row: &Row<'_>, arm: &str, joints: &JointInstant) -> JointState {
 
 /// Frame of a base: the pose of its trace, at its height above the origin of World.
 fn base(row: &Row<'_>, whisker: &MountedWhisker, known: &trace::Instant, height_m: f64) -> TransformStamped {
-    let mut transform = super::transform(&known.base);
+    let mut transform = transform(&known.base);
     transform.translation = Vector3 { z: height_m, ..transform.translation };
     TransformStamped { header: row.header(topics::WORLD), child_frame_id: frame_of(whisker), transform }
 }

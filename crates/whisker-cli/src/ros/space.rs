@@ -17,10 +17,12 @@ use trace::{
     SpatialTruth, SpatialTruthInstant, SpatialTwist,
 };
 
-use super::{
-    ARC, CONTACT, Export, Mark, Row, SPLIT, SURFACE, Staging, TIP, TOUCHING, check_name, estimates_by_time, parsed,
-    read, restore, rows_of, time_ns,
-};
+use super::estimates::{Mark, estimates_by_time};
+use super::read;
+use super::restore::{check_name, parsed, restore};
+use super::rows::{Row, rows_of, time_ns};
+use super::staging::{Export, Staging};
+use super::truth_topics::{ARC, CONTACT, SPLIT, SURFACE, TIP, TOUCHING};
 
 const NORMAL: &str = "/truth/normal";
 const FEATURE: &str = "/truth/feature";
