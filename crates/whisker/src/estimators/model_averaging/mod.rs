@@ -151,6 +151,7 @@ impl Method for ModelAveraging {
             has_returned: false,
             base: touch.before,
             last: None,
+            beside_tip_m2: None,
             blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
             has_begun: false,
             late: None,
@@ -186,6 +187,8 @@ struct AveragingTracker {
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
+    /// Covariance (m2) of the last stated contact that was not at the tip.
+    beside_tip_m2: Option<Matrix2<f64>>,
     blocks: Blocks,
     /// Whether the candidates have taken the first sample of the touch.
     has_begun: bool,
@@ -301,6 +304,9 @@ impl AveragingTracker {
         let stated = self.near_the_domain(Estimate { model_doubtful, second_contact, ..together? })?;
         let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
         self.last = stated.covariance_m2.map(in_start).or(self.last);
+        if !stated.at_tip {
+            self.beside_tip_m2 = self.last.map(|(_, covariance_m2)| covariance_m2);
+        }
         Some(stated)
     }
 
@@ -376,21 +382,29 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// None if the object probably moves.
+    /// If the object probably moves, the candidates for one at rest expect its contact where it no longer is: they do not count.
     fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
         // The candidates have not taken the samples of a block that has not ended.
         let undetected = Undetected { free_s: undetected.free_s + self.blocks.pending_s(), ..*undetected };
-        let estimates: Vec<_> = self.trackers.iter_mut().map(|tracker| tracker.expect_touch(&undetected)).collect();
+        let moves = self.moves;
+        let expected = |tracker: &mut Box<dyn Tracker>| {
+            tracker.expect_touch(&undetected).filter(|_| !moves || tracker.assumes_motion())
+        };
+        let estimates: Vec<_> = self.trackers.iter_mut().map(expected).collect();
         self.continues = false;
         if let Some(alternative) = self.alternative.as_mut().filter(|alternative| alternative.leads()) {
             let estimate = alternative.expect_touch(&undetected)?;
             return self.near_the_domain(Estimate { model_doubtful: true, models: Some(self.shares()), ..estimate });
         }
-        if self.moves {
-            return None;
-        }
         let together = self.together(&estimates, None).map(|estimate| self.with_systematic(estimate, &estimates));
-        self.continues = together.is_some();
+        let added_m2 =
+            self.beside_tip_m2.filter(|_| moves).map(|covariance_m2| undetected.base.inverse().turn(covariance_m2));
+        let together = together.map(|estimate| Estimate {
+            covariance_m2: estimate.covariance_m2.map(|own_m2| own_m2 + added_m2.unwrap_or_default()),
+            ..estimate
+        });
+        // It may be another object that moves, or the motion may have ended.
+        self.continues = together.is_some() && !moves;
         self.near_the_domain(together?)
     }
 

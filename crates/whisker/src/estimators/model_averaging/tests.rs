@@ -233,6 +233,46 @@ fn verif_a_touch_that_was_expected_keeps_the_probabilities() {
     assert_eq!((shares(known), shares(None)), (0.9, 0.7));
 }
 
+/// A candidate for a moving object that shows a contact with the object of the last touch.
+struct Follows(Expects);
+
+impl Tracker for Follows {
+    fn step(&mut self, _: &Sample) -> Option<Estimate> {
+        None
+    }
+
+    fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
+        self.0.expect_touch(undetected)
+    }
+
+    fn assumes_motion(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn regress_the_contact_of_a_moving_object_is_expected_where_it_has_moved_to() {
+    let knowledge = knowledge();
+    let face = &knowledge.faces[0];
+    let side = Side::new(face, &knowledge);
+    let at = |arc_m: f64| face.contact_at(AlongAway::new(arc_m, 3e-3));
+    let known = |arc_m: f64| Some(side.estimate_at(at(arc_m), true, Matrix2::identity() * 1e-8, None));
+    let mut tracker = tracker([0.1, 0.9], face);
+    tracker.considered = vec![false, false];
+    tracker.methods = Arc::new([("rests", Box::new(Anew)), ("moves", Box::new(Anew))]);
+    tracker.trackers = vec![Box::new(Expects(known(0.05))), Box::new(Follows(Expects(known(0.055))))];
+    tracker.right = Modes::new([0.1, 0.9]);
+    (tracker.moves, tracker.beside_tip_m2) = (true, Some(Matrix2::identity() * 1e-6));
+    let base = Pose::new(0.0, 0.0, 0.0);
+    let undetected = Undetected { base, free_s: 0.1, dt_s: 4e-3, reading_n_m: 1e-5 };
+    let stated = tracker.expect_touch(&undetected).unwrap();
+    assert_eq!(stated.contact, at(0.055));
+    assert!((stated.covariance_m2.unwrap() - Matrix2::identity() * 1.01e-6).norm() < 1e-18);
+    let touch = Touch { face, history: &[], free_s: 0.1, before: base, contact_prior: None, seed: 0 };
+    assert!(tracker.resume(&touch));
+    assert!((tracker.right.probabilities()[1] - 0.7).abs() < 1e-12, "it may have come to rest");
+}
+
 #[test]
 fn verif_motion_shows_where_candidates_at_rest_are_calibrated() {
     let knowledge = knowledge();
