@@ -117,6 +117,8 @@ pub struct Imported {
     pub outlines: Vec<(String, Outline)>,
     /// Remarks about recordings, for example that they were interpolated.
     pub notes: Vec<String>,
+    /// Remarks that the result is probably wrong.
+    pub warnings: Vec<String>,
     /// Errors of the files that could not be imported. The other files do not depend on them.
     pub failures: Vec<Error>,
 }

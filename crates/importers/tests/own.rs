@@ -357,19 +357,20 @@ fn robust_the_noise_of_repeated_readings_is_that_of_the_sensor() {
 #[test]
 fn verif_the_import_in_the_plane_states_its_misfit() {
     let remark = |laboratory: Laboratory| {
-        let notes = laboratory.import().unwrap().notes;
-        let found: Vec<String> =
-            notes.into_iter().filter(|note| note.contains("(RMS) from those of the elastica")).collect();
-        found.join("\n")
+        let Imported { notes, warnings, .. } = laboratory.import().unwrap();
+        let is_remark = |note: &String| note.contains("(RMS) from those of the elastica");
+        [notes, warnings].map(|remarks| remarks.into_iter().filter(is_remark).collect::<Vec<_>>().join("\n"))
     };
-    let good = remark(Laboratory::new());
+    let [good, none] = remark(Laboratory::new());
+    assert_eq!(none, "");
     assert!(good.starts_with("the readings of the calibration deviate by 0.") && !good.contains("expected"), "{good}");
     // Of a base that is wrong by 20 mm across the whisker.
     let moved = |mapping: &mut Value| mapping["base"]["y"]["value"] = json!(-30);
-    let wrong = remark(Laboratory::new().mapped(moved));
+    let [none, wrong] = remark(Laboratory::new().mapped(moved));
+    assert_eq!(none, "");
     assert!(wrong.contains("expected at most 5 %") && wrong.contains("compare `whisker`"), "{wrong}");
     let stated = |mapping: &mut Value| mapping["reading"]["characteristic"] = json!([-3e7, 0, 0]);
-    assert_eq!(remark(Laboratory::new().mapped(stated)), "");
+    assert_eq!(remark(Laboratory::new().mapped(stated)), ["", ""]);
 }
 
 #[test]

@@ -33,6 +33,25 @@ use self::space::Space;
 use self::units::Length;
 use crate::{Imported, Progress};
 
+/// Residual of the fitted response of a sensor, relative to the readings (RMS), above which the remark about it is a warning.
+const USUAL_RESIDUAL: f64 = 0.05;
+
+/// Remark about the sensor.
+#[derive(Clone, Debug)]
+pub(crate) struct Remark {
+    text: String,
+    is_warning: bool,
+}
+
+/// Numbers of rows whose reading is that of a touch, but whose contact is not known.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lacking {
+    /// No contact is found.
+    not_found: usize,
+    /// The reading is far smaller than that of a whisker deflected by the contact.
+    weak: usize,
+}
+
 /// Differences between recordings in the plane and in space.
 pub(crate) trait Geometry: Clone + Debug {
     /// Format of the mapping and of the traces.
@@ -92,10 +111,10 @@ pub(crate) trait Geometry: Clone + Debug {
         laboratory: &Laboratory<'_, Self>,
         sampled: &[Sampled<'_, Self>],
         touch: f64,
-    ) -> Result<(Self::Sensor, Option<String>), Error>;
+    ) -> Result<(Self::Sensor, Option<Remark>), Error>;
 
-    /// Adds the trace of a recording. Returns the number of rows whose reading is that of a touch, but of which no contact is
-    /// found.
+    /// Adds the trace of a recording. Returns the numbers of rows whose reading is that of a touch, but whose contact is not
+    /// known.
     ///
     /// # Errors
     /// [`Error`] if a reader of the trace would refuse it.
@@ -104,7 +123,7 @@ pub(crate) trait Geometry: Clone + Debug {
         sensor: &Self::Sensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<usize, Error>;
+    ) -> Result<Lacking, Error>;
 }
 
 /// Columns of a pose.
@@ -179,11 +198,13 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
     let touch = mapping.reading.touch().unwrap_or_else(|| rest::touch(usual));
     imported.notes.extend(other_rests(&sampled, touch));
     let (sensor, remark) = G::sensor(&laboratory, &sampled, touch)?;
-    let mut not_found = Vec::new();
+    let (mut not_found, mut weak) = (Vec::new(), Vec::new());
     for recording in &sampled {
         match G::add_trace(&laboratory, &sensor, recording, &mut imported) {
-            Ok(rows) => {
-                not_found.extend((rows > 0).then(|| format!("{} ({rows})", recording.entry.name())));
+            Ok(lacking) => {
+                let of = |rows: usize| (rows > 0).then(|| format!("{} ({rows})", recording.entry.name()));
+                not_found.extend(of(lacking.not_found));
+                weak.extend(of(lacking.weak));
                 imported.notes.extend(recording.notes(touch));
             }
             Err(error) => imported.failures.push(error),
@@ -196,7 +217,20 @@ fn import<G: Geometry>(source: &Source, path: &Path, progress: Progress<'_>) -> 
             not_found.join(", ")
         ));
     }
-    imported.notes.extend(remark);
+    if !weak.is_empty() {
+        imported.notes.push(format!(
+            "rows without a contact, since the reading exceeds `touch` ({touch:.3e}), but is far smaller than that of a whisker deflected \
+             by the contact: the whisker is probably free, and oscillates or is accelerated; raise `touch`, or state a column `touching`; if \
+             it does touch, check `contact`, `base` and `whisker`; \
+             recordings (rows): {}",
+            weak.join(", ")
+        ));
+    }
+    match remark {
+        Some(Remark { text, is_warning: true }) => imported.warnings.push(text),
+        Some(Remark { text, .. }) => imported.notes.push(text),
+        None => {}
+    }
     Ok(imported)
 }
 

@@ -92,6 +92,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for note in &imported.notes {
         eprintln!("note: {note}");
     }
+    for warning in &imported.warnings {
+        eprintln!("warning: {warning}");
+    }
     let planar = imported.traces.iter().map(|trace| (&trace.sidecar.name, Subject::new(trace, None).findings()));
     let spatial = imported.spatial_traces.iter().map(|trace| (&trace.sidecar.name, spatial_findings(trace)));
     print_findings(planar.chain(spatial));

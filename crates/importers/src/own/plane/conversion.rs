@@ -8,6 +8,7 @@ use trace::Characteristic;
 use super::mapping::ReadingColumn;
 use crate::own::rest::check_known_contacts;
 use crate::own::units::{Reading, Unit};
+use crate::own::{Remark, USUAL_RESIDUAL};
 
 /// Key of the mapping that states the characteristic.
 const KEY: &str = "reading.characteristic";
@@ -17,9 +18,6 @@ const DEGREE: usize = 3;
 
 /// Share of the moment at which a characteristic turns up to which it is inverted.
 const INSIDE: f64 = 0.999;
-
-/// Residual of the fitted characteristic, relative to the readings (RMS), above which the remark about it is a warning.
-const USUAL_RESIDUAL: f64 = 0.05;
 
 /// Known contacts of the calibration.
 pub(super) struct Known {
@@ -34,12 +32,13 @@ pub(super) struct Known {
 impl Known {
     /// Remark about the agreement of the calibration with the mechanics of the whisker. `residual` is the RMS of the residuals over
     /// that of the readings.
-    fn remark(&self, residual: f64) -> String {
+    fn remark(&self, residual: f64) -> Remark {
         let unreached = match self.contacts - self.pairs.len() {
             0 => String::new(),
             unreached => format!("; the whisker does not reach {unreached} of {} contacts", self.contacts),
         };
-        let advice = match residual > USUAL_RESIDUAL {
+        let is_warning = residual > USUAL_RESIDUAL;
+        let advice = match is_warning {
             true => format!(
                 ", expected at most {:.0} %: estimated contacts are probably wrong; compare `whisker`, `base`, `contact` and `face` of the \
                  mapping with the recordings, and look for saturated, drifting or delayed readings",
@@ -47,11 +46,12 @@ impl Known {
             ),
             false => String::new(),
         };
-        format!(
+        let text = format!(
             "the readings of the calibration deviate by {:.1} % (RMS) from those of the elastica through the known \
              contacts{unreached}{advice}",
             100.0 * residual
-        )
+        );
+        Remark { text, is_warning }
     }
 }
 
@@ -61,7 +61,7 @@ pub(super) struct Conversion {
     pub(super) characteristic: Characteristic,
     pub(super) residual: f64,
     /// Agreement of the calibration with the mechanics of the whisker. `None` if the characteristic was not fitted.
-    pub(super) remark: Option<String>,
+    pub(super) remark: Option<Remark>,
 }
 
 impl Conversion {

@@ -19,7 +19,7 @@ use self::conversion::{Conversion, Known};
 use self::mapping::{ContactColumns, Placement, PoseColumns, ReadingColumn};
 use super::mapping::{Mapping, Moving, RecordingEntry};
 use super::recording::{Columns, Sampled};
-use super::{Geometry, Laboratory, source_sha256};
+use super::{Geometry, Laboratory, Lacking, Remark, source_sha256};
 use crate::Imported;
 use crate::provenance::generator;
 
@@ -110,7 +110,7 @@ impl Geometry for Plane {
         laboratory: &Laboratory<'_, Self>,
         sampled: &[Sampled<'_, Self>],
         touch: f64,
-    ) -> Result<(Sensor, Option<String>), Error> {
+    ) -> Result<(Sensor, Option<Remark>), Error> {
         let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
         let mechanics = Mechanics::new(path, &laboratory.whisker)?;
         let largest = sampled.iter().map(Sampled::largest).fold(0.0, f64::max);
@@ -141,7 +141,7 @@ impl Geometry for Plane {
         sensor: &Sensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<usize, Error> {
+    ) -> Result<Lacking, Error> {
         let characteristic = &sensor.conversion.characteristic;
         recording.check_moments(|sample| vec![characteristic.moment_n_m(sample[0])])?;
         let (mut instants, mut truths) = (Vec::new(), Vec::new());
@@ -168,7 +168,7 @@ impl Geometry for Plane {
         let mut trace = Trace { sidecar, recording: Recording { instants }, truth: Truth { instants: truths } };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         imported.traces.push(trace);
-        Ok(0)
+        Ok(Lacking::default())
     }
 }
 

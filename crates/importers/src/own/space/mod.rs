@@ -18,11 +18,11 @@ use trace::{
 use self::contact::Contact;
 use self::mapping::{SpatialContactColumns, SpatialPlacement, SpatialPoseColumns, SpatialReading};
 use self::pin::Mechanics;
-use self::response::Fitted;
+use self::response::{Fitted, scale};
 use super::mapping::{Channels, Mapping, Moving};
 use super::recording::{Columns, Sampled};
 use super::units::{Reading, Unit as _};
-use super::{Geometry, Laboratory, source_sha256};
+use super::{Geometry, Laboratory, Lacking, Remark, source_sha256};
 use crate::provenance::generator;
 use crate::{Imported, POISSON_RATIO};
 
@@ -36,6 +36,8 @@ pub(crate) struct SpatialSensor {
     /// Distance from rest, in the unit of the recordings, beyond which the whisker touches.
     touch: f64,
     response: BendingResponse,
+    /// Response with the scale of the known contacts, by which they are found.
+    scaled: BendingResponse,
     residual_counts: Vector2<f64>,
 }
 
@@ -108,7 +110,7 @@ impl Geometry for Space {
         laboratory: &Laboratory<'_, Self>,
         sampled: &[Sampled<'_, Self>],
         touch: f64,
-    ) -> Result<(SpatialSensor, Option<String>), Error> {
+    ) -> Result<(SpatialSensor, Option<Remark>), Error> {
         let (path, mapped) = (laboratory.path, &laboratory.mapping.reading);
         let mechanics = Mechanics::new(path, &laboratory.whisker, suspension(laboratory), poisson_ratio(laboratory))?;
         let signs = Matrix2::from_diagonal(&Vector2::from(mapped.channels.each_ref().map(|channel| channel.sign)));
@@ -117,17 +119,18 @@ impl Geometry for Space {
             (Reading::Counts, Some(stated)) => BendingResponse::new(signs * stated.response()),
             (unit, _) => BendingResponse::new(signs / unit.si()),
         };
-        if let Some(response) = stated {
-            return Ok((SpatialSensor { mechanics, touch, response, residual_counts: Vector2::zeros() }, None));
-        }
         let calibration: Vec<_> =
             sampled.iter().filter(|recording| recording.entry.role == Role::Calibration).collect();
-        let fit = |response: Option<&BendingResponse>| Fitted::new(path, &calibration, &mechanics, touch, response);
-        // Without a response, the side of the pin is that of `side_of_axis`. With a response, it is the side that agrees with the
-        // readings. Both may differ in light touches.
-        let fitted = fit(Some(&fit(None)?.response))?;
+        if let Some(response) = stated {
+            let known = if calibration.is_empty() { sampled.iter().collect() } else { calibration };
+            let scale = scale(&known, &mechanics, touch, &response);
+            let scaled = BendingResponse::new(scale * response.response()).unwrap_or(response);
+            let residual_counts = Vector2::zeros();
+            return Ok((SpatialSensor { mechanics, touch, response, scaled, residual_counts }, None));
+        }
+        let fitted = Fitted::new(path, &calibration, &mechanics, touch)?;
         let Fitted { response, residual_counts, .. } = fitted;
-        Ok((SpatialSensor { mechanics, touch, response, residual_counts }, Some(fitted.remark())))
+        Ok((SpatialSensor { mechanics, touch, response, scaled: response, residual_counts }, Some(fitted.remark())))
     }
 
     fn add_trace(
@@ -135,17 +138,18 @@ impl Geometry for Space {
         sensor: &SpatialSensor,
         recording: &Sampled<'_, Self>,
         imported: &mut Imported,
-    ) -> Result<usize, Error> {
-        let SpatialSensor { mechanics, touch, response, .. } = sensor;
+    ) -> Result<Lacking, Error> {
+        let SpatialSensor { mechanics, touch, response, scaled, .. } = sensor;
         recording
             .check_moments(|sample| response.moment_n_m(Vector2::new(sample[0], sample[1])).as_slice().to_vec())?;
         let (mut instants, mut truth) = (Vec::new(), Vec::new());
-        let mut not_found = 0;
-        for (row, contact) in recording.contacts(mechanics, *touch, Some(response)).into_iter().enumerate() {
+        let mut lacking = Lacking::default();
+        for (row, contact) in recording.contacts(mechanics, *touch, Some(scaled)).into_iter().enumerate() {
             let base = recording.base[row];
             let moment_n_m = response.moment_n_m(recording.counts(row));
             instants.push(SpatialInstant::measured(recording.grid.t_s[row], base, moment_n_m));
-            not_found += usize::from(contact == Contact::NotFound);
+            lacking.not_found += usize::from(contact == Contact::NotFound);
+            lacking.weak += usize::from(contact == Contact::Weak);
             let place = contact.point().map(|point| base.position + base.rotation * point);
             place.iter().try_for_each(|place| check_place(&recording.path, "contact", place))?;
             let touching = recording.touching[row].or(place.map(|_| true));
@@ -156,7 +160,7 @@ impl Geometry for Space {
         let mut trace = SpatialTrace { sidecar, recording, truth };
         trace.sidecar.csv_sha256 = sha256(trace.to_csv());
         imported.spatial_traces.push(trace);
-        Ok(not_found)
+        Ok(lacking)
     }
 }
 

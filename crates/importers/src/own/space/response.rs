@@ -11,6 +11,7 @@ use super::contact::Contact;
 use super::pin::Mechanics;
 use crate::own::recording::Sampled;
 use crate::own::rest::check_known_contacts;
+use crate::own::{Remark, USUAL_RESIDUAL};
 
 /// Key of the mapping that states the response.
 const KEY: &str = "reading.counts_per_n_m";
@@ -23,13 +24,21 @@ pub(super) struct Fitted {
     pub(super) residual_counts: Vector2<f64>,
     /// Size of the residuals relative to that of the readings (RMS).
     pub(super) residual: f64,
-    /// Number of contacts of the calibration, and of those to which the whisker does not reach.
+    /// Number of contacts of the calibration that the readings do not contradict, and of those to which the whisker does not reach.
     pub(super) contacts: usize,
     pub(super) unreached: usize,
 }
 
+/// Known contacts of a calibration.
+struct Known {
+    /// Number of contacts, without those that the readings contradict.
+    contacts: usize,
+    /// Moments of the rod (N m) and readings relative to rest, both 2x1, of the contacts to which the whisker reaches.
+    pairs: Vec<(Vector2<f64>, Vector2<f64>)>,
+}
+
 impl Fitted {
-    /// Fit to the moments of the rod at the contacts of a calibration. `known` is the response by which the side of a pin is found.
+    /// Fit to the moments of the rod at the contacts of a calibration.
     ///
     /// # Errors
     /// [`Error::Value`] if the contacts do not determine it.
@@ -38,26 +47,15 @@ impl Fitted {
         calibration: &[&Sampled<'_, Space>],
         mechanics: &Mechanics,
         touch: f64,
-        known: Option<&BendingResponse>,
     ) -> Result<Self, Error> {
-        let (mut contacts, mut pairs) = (0, Vec::<(Vector2<f64>, Vector2<f64>)>::new());
-        for recording in calibration {
-            for (row, contact) in recording.contacts(mechanics, touch, known).into_iter().enumerate() {
-                contacts += usize::from(contact != Contact::Unknown);
-                pairs.extend(contact.moment_n_m(mechanics).map(|moment_n_m| (moment_n_m, recording.counts(row))));
-            }
-        }
-        check_known_contacts(path, KEY, calibration.len(), contacts, touch)?;
-        let response = BendingResponse::fit(&pairs).ok_or_else(|| {
-            let found =
-                format!("none, and {} of {contacts} contacts of the calibration within reach of the whisker", pairs.len());
-            let cause = if pairs.is_empty() { "; compare units and `base` of the mapping" } else { "" };
-            let expected = format!(
-                "contacts from several directions about the whisker, which determine the response to both bending moments, or a \
-                 stated response{cause}"
-            );
-            Error::value(path, KEY, found, expected)
-        })?;
+        // Without a response, the side of the pin is that of `side_of_axis`, and the contacts contain those of a free whisker. With a
+        // response, the side agrees with the readings, and such contacts are left out. Both sides may differ in light touches.
+        let known = Known::new(calibration, mechanics, touch, None);
+        check_known_contacts(path, KEY, calibration.len(), known.contacts, touch)?;
+        let response = known.rough().ok_or_else(|| known.undetermined(path))?;
+        let known = Known::new(calibration, mechanics, touch, Some(&response));
+        let response = BendingResponse::fit(&known.pairs).ok_or_else(|| known.undetermined(path))?;
+        let Known { contacts, pairs } = known;
         let residual_counts = response.residual_counts(&pairs);
         let squares: f64 = pairs.iter().map(|(_, counts)| counts.norm_squared()).sum();
         let residual = residual_counts.norm() / (squares / pairs.len() as f64).sqrt();
@@ -65,14 +63,88 @@ impl Fitted {
     }
 
     /// Remark about the agreement of the calibration with the mechanics of the whisker.
-    pub(super) fn remark(&self) -> String {
+    pub(super) fn remark(&self) -> Remark {
         let percent = 100.0 * self.residual;
         let unreached = match (self.unreached, self.contacts) {
             (0, _) => String::new(),
             (unreached, all) => format!("; the whisker does not reach {unreached} of {all} contacts"),
         };
-        format!(
-            "the readings of the calibration deviate by {percent:.1} % (RMS) from those of the rod through the known contacts{unreached}"
-        )
+        let is_warning = self.residual > USUAL_RESIDUAL;
+        let advice = match is_warning {
+            true => format!(
+                ", expected at most {:.0} % unless the sensor is nonlinear: estimated contacts are probably wrong; compare `whisker`, \
+                 `base` and `contact` of the mapping with the recordings, look for saturated, drifting or delayed readings, and raise \
+                 `touch` if the whisker oscillates while it is free",
+                100.0 * USUAL_RESIDUAL
+            ),
+            false => String::new(),
+        };
+        let text = format!(
+            "the readings of the calibration deviate by {percent:.1} % (RMS) from those of the rod through the known \
+             contacts{advice}{unreached}"
+        );
+        Remark { text, is_warning }
     }
+}
+
+impl Known {
+    /// Contacts of a calibration. `response` is that by which the side of a pin is found.
+    fn new(
+        calibration: &[&Sampled<'_, Space>],
+        mechanics: &Mechanics,
+        touch: f64,
+        response: Option<&BendingResponse>,
+    ) -> Self {
+        let (mut contacts, mut pairs) = (0, Vec::new());
+        for recording in calibration {
+            for (row, contact) in recording.contacts(mechanics, touch, response).into_iter().enumerate() {
+                contacts += usize::from(!matches!(contact, Contact::Unknown | Contact::Weak));
+                pairs.extend(contact.moment_n_m(mechanics).map(|moment_n_m| (moment_n_m, recording.counts(row))));
+            }
+        }
+        Self { contacts, pairs }
+    }
+
+    /// Inverse of the linear fit of the moments to the readings. The small readings of a free whisker have little weight in it, wherever
+    /// the pin is. `None` if the contacts do not determine it.
+    fn rough(&self) -> Option<BendingResponse> {
+        let exchanged: Vec<_> = self.pairs.iter().map(|(moment_n_m, counts)| (*counts, *moment_n_m)).collect();
+        BendingResponse::new(BendingResponse::fit(&exchanged)?.response().try_inverse()?)
+    }
+
+    fn undetermined(&self, path: &Path) -> Error {
+        let Self { contacts, pairs } = self;
+        let found =
+            format!("none, and {} of {contacts} contacts of the calibration within reach of the whisker", pairs.len());
+        let cause = if pairs.is_empty() { "; compare units and `base` of the mapping" } else { "" };
+        let expected = format!(
+            "contacts from several directions about the whisker, which determine the response to both bending moments, or a \
+             stated response{cause}"
+        );
+        Error::value(path, KEY, found, expected)
+    }
+}
+
+/// Ratio of the readings of contacts to those by a stated response, by which an error of the scale of sensor or whisker does not
+/// contradict all contacts: the median, weighted by the readings. 1 if there is no contact.
+pub(super) fn scale(
+    recordings: &[&Sampled<'_, Space>],
+    mechanics: &Mechanics,
+    touch: f64,
+    response: &BendingResponse,
+) -> f64 {
+    let known = Known::new(recordings, mechanics, touch, None);
+    let ratio = |(moment_n_m, counts): &(Vector2<f64>, Vector2<f64>)| {
+        let size = counts.norm();
+        (size / response.counts(*moment_n_m).norm(), size)
+    };
+    let mut ratios: Vec<(f64, f64)> = known.pairs.iter().map(ratio).filter(|(ratio, _)| ratio.is_finite()).collect();
+    ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * ratios.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut sum = 0.0;
+    let median = ratios.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= half
+    });
+    median.map_or(1.0, |(ratio, _)| *ratio).max(f64::MIN_POSITIVE)
 }
