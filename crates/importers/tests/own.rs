@@ -266,6 +266,39 @@ fn robust_the_same_content_twice_is_refused() {
 }
 
 #[test]
+fn robust_a_decimal_comma_is_named() {
+    let of = |cell: &str, words: &str| {
+        let laboratory = Laboratory::new().mapped(|mapping| mapping["delimiter"] = json!(";"));
+        for entry in fs::read_dir(laboratory.folder.path()).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|extension| extension == "csv") {
+                fs::write(&path, fs::read_to_string(&path).unwrap().replace(',', ";")).unwrap();
+            }
+        }
+        let path = laboratory.path("trial_1.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        let line = text.lines().nth(1).unwrap();
+        let (before, _) = line.rsplit_once(';').unwrap();
+        fs::write(&path, text.replacen(line, &format!("{before};{cell}"), 1)).unwrap();
+        laboratory.fails(words);
+    };
+    let words = "trial_1.csv:2: column 5 (hall_counts): found `1699,000000`, expected a number whose decimal separator is a point";
+    of("1699,000000", words);
+    of("1,699,000", "found `1,699,000`, expected a finite number");
+}
+
+#[test]
+fn robust_a_recording_in_utf_16_is_named() {
+    for order in [u16::to_le_bytes, u16::to_be_bytes] {
+        let laboratory = Laboratory::new();
+        let path = laboratory.path("trial_1.csv");
+        let text = format!("\u{feff}{}", fs::read_to_string(&path).unwrap());
+        fs::write(&path, text.encode_utf16().flat_map(order).collect::<Vec<u8>>()).unwrap();
+        laboratory.fails("trial_1.csv: encoding: found UTF-16, expected UTF-8");
+    }
+}
+
+#[test]
 fn robust_a_folder_in_place_of_a_recording() {
     let laboratory = Laboratory::new();
     fs::remove_file(laboratory.path("trial_1.csv")).unwrap();

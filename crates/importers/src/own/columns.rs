@@ -16,6 +16,9 @@ pub(crate) const NAME: &str = "csv";
 /// Byte order mark of UTF-8.
 const MARK: &[u8] = b"\xef\xbb\xbf";
 
+/// Byte order marks of UTF-16, in which spreadsheets and instruments may write text.
+const MARKS_16: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
+
 /// Reads columns of a CSV with a header.
 pub(super) fn read(path: &Path, layout: &Layout<'_>, wanted: &[Wanted<'_>]) -> Result<ReadColumns, Error> {
     if layout.stamps.is_some_and(|stamps| stamps == Stamps::Header) {
@@ -25,6 +28,9 @@ pub(super) fn read(path: &Path, layout: &Layout<'_>, wanted: &[Wanted<'_>]) -> R
         return Err(Error::value(path, "file", "a folder", "a CSV file; `whisker import bag` reads rosbag2 folders"));
     }
     let bytes = read_table(path)?;
+    if MARKS_16.iter().any(|mark| bytes.starts_with(mark)) {
+        return Err(Error::value(path, "encoding", "UTF-16", "UTF-8; export the file again with this encoding"));
+    }
     let (body, skipped) = after_lines(bytes.strip_prefix(MARK).unwrap_or(&bytes), layout.skip_lines);
     let (body, is_cut_off) = complete_lines(body);
     let mut rows = csv::ReaderBuilder::new()
@@ -135,7 +141,12 @@ impl Cell<'_> {
                 format!("`{}`", String::from_utf8_lossy(bytes))
             };
             let column = format!("column {} ({})", place + 1, String::from_utf8_lossy(&self.header[place]));
-            table_error(self.path, self.line, &column, found, "a finite number")
+            let has_comma = |text: &str| text.replacen(',', ".", 1).parse::<f64>().is_ok_and(f64::is_finite);
+            let expected = match text.is_some_and(has_comma) {
+                true => "a number whose decimal separator is a point, not a comma",
+                false => "a finite number",
+            };
+            table_error(self.path, self.line, &column, found, expected)
         })
     }
 }
