@@ -85,14 +85,16 @@ impl RunData {
         of_class.map(|estimator| estimator.name.as_str())
     }
 
-    /// The sets on which the error is followed over time, one per whisker: those whose contact is at rest or, in a run
-    /// without such, those of the first group.
+    /// The sets on which the error is followed over time, one per whisker: those whose contact is at rest or, in a run without such,
+    /// those of the first group. Sets whose true contacts are not known are left out, if those of any set are.
     pub(crate) fn leading_sets(&self) -> Vec<&RunSet> {
-        let first = self.run.sets.iter().find(|set| set.class() == ObjectClass::Pin);
-        let Some(leading) = first.or(self.run.sets.first()) else {
+        let scored = self.scored_sets();
+        let sets = if scored.is_empty() { self.run.sets.iter().collect() } else { scored };
+        let at_rest = sets.iter().find(|set| set.class() == ObjectClass::Pin);
+        let Some(leading) = at_rest.or(sets.first()).map(|set| set.group.as_str()) else {
             return Vec::new();
         };
-        self.run.sets.iter().filter(|set| set.group == leading.group).collect()
+        sets.iter().copied().filter(|set| set.group == leading).collect()
     }
 
     /// The sets whose true contacts are known.

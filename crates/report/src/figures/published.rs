@@ -9,7 +9,7 @@ use whisker::estimators::MethodClass;
 use crate::axes::{Axis, Panel, Rect, equal};
 use crate::canvas::{Align, Canvas, Picture};
 use crate::run_data::RunData;
-use crate::style::{CURVE_PX, INK, LABEL, LegendEntry, Look, MUTED, legend, plain};
+use crate::style::{CURVE_PX, INK, LABEL, LegendEntry, Look, MUTED, PANEL_TITLE, legend, plain};
 
 /// End of the start.
 const START_S: f64 = 3.0;
@@ -87,14 +87,16 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
             ));
         }
         let below = legend(canvas, (64.0, 18.0), &entries)?;
-        let plot = Rect::inside(canvas, [64.0, below + 48.0, 8.0, 62.0]);
+        let plot = Rect::inside(canvas, [64.0, below + 72.0, 8.0, 62.0]);
         for (place, ((title, curves), frame)) in
             columns.iter().zip(plot.columns(&equal(columns.len()), 34.0)).enumerate()
         {
+            // A long name of a whisker would not fit above the left panel alone.
+            canvas.text(title, (frame.left, frame.top - 37.0), PANEL_TITLE)?;
             let parts = frame.columns(&[1.0, 0.62], 10.0);
             let axis = if place == 0 { error.clone() } else { error.clone().bare() };
             let time = Axis::linear("time since the first touch (s)", 0.0, START_S);
-            let start = Panel::new(canvas, parts[0], title, time, axis)?;
+            let start = Panel::new(canvas, parts[0], "start-up", time, axis)?;
             let steady = Panel::new(canvas, parts[1], "steady state", Axis::places(places), error.clone().bare())?;
             start.level(1.0, "", MUTED)?;
             for (index, curve) in curves.iter().enumerate() {
@@ -106,7 +108,7 @@ pub(crate) fn draw(data: &RunData) -> Result<Option<Picture>> {
         }
         Ok(())
     };
-    Ok(Some(Picture::new(1200, 520, paint)))
+    Ok(Some(Picture::new(1200, 544, paint)))
 }
 
 fn curve(data: &RunData, set: &RunSet, estimator: &str, look: Look) -> Curve {

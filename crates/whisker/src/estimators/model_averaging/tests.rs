@@ -32,6 +32,7 @@ fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
         has_returned: false,
         base: Pose::new(0.0, 0.0, 0.0),
         last: None,
+        beside_tip_m2: None,
         blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),
         has_begun: false,
         late: None,
