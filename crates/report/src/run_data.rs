@@ -86,15 +86,15 @@ impl RunData {
     }
 
     /// The sets on which the error is followed over time, one per whisker: those whose contact is at rest or, in a run without such,
-    /// those of the first group. Sets whose true contacts are not known are left out, if those of any set are.
+    /// those of the first group. Sets whose true contacts are not known are left out, if those of another are.
     pub(crate) fn leading_sets(&self) -> Vec<&RunSet> {
-        let scored = self.scored_sets();
-        let sets = if scored.is_empty() { self.run.sets.iter().collect() } else { scored };
-        let at_rest = sets.iter().find(|set| set.class() == ObjectClass::Pin);
-        let Some(leading) = at_rest.or(sets.first()).map(|set| set.group.as_str()) else {
+        let first = self.run.sets.iter().find(|set| set.class() == ObjectClass::Pin);
+        let Some(leading) = first.or(self.run.sets.first()) else {
             return Vec::new();
         };
-        sets.iter().copied().filter(|set| set.group == leading).collect()
+        let sets: Vec<&RunSet> = self.run.sets.iter().filter(|set| set.group == leading.group).collect();
+        let is_any_scored = sets.iter().any(|set| self.is_scored(set));
+        sets.into_iter().filter(|set| !is_any_scored || self.is_scored(set)).collect()
     }
 
     /// The sets whose true contacts are known.
