@@ -258,7 +258,7 @@ fn regress_the_contact_of_a_moving_object_is_expected_where_it_has_moved_to() {
     let side = Side::new(face, &knowledge);
     let at = |arc_m: f64| face.contact_at(AlongAway::new(arc_m, 3e-3));
     let known = |arc_m: f64| Some(side.estimate_at(at(arc_m), true, Matrix2::identity() * 1e-8, None));
-    let mut tracker = tracker([0.1, 0.9], face);
+    let mut tracker = tracker([0.5, 0.5], face);
     tracker.considered = vec![false, false];
     tracker.methods = Arc::new([("rests", Box::new(Anew)), ("moves", Box::new(Anew))]);
     tracker.trackers = vec![Box::new(Expects(known(0.05))), Box::new(Follows(Expects(known(0.055))))];
