@@ -1,7 +1,8 @@
 //! Imports of changed copies of the example of own recordings.
 
+mod common;
+
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use bag::messages::{Bool, Header, Point, PointStamped, Pose, PoseStamped, WrenchStamped};
 use bag::{Publisher, Writer};
@@ -9,32 +10,11 @@ use importers::{Imported, importer};
 use serde_json::{Value, json};
 use trace::{Sidecar, Trace};
 
-/// Copy of `examples/own-data`.
-struct Laboratory {
-    folder: tempfile::TempDir,
-}
+use common::Laboratory;
 
 impl Laboratory {
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data");
-        for entry in fs::read_dir(example).unwrap() {
-            let path = entry.unwrap().path();
-            fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
-        }
-        Self { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn mapped(self, change: impl FnOnce(&mut Value)) -> Self {
-        let path = self.path("import.json");
-        let mut mapping = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-        change(&mut mapping);
-        fs::write(&path, mapping.to_string()).unwrap();
-        self
+        Self::of("own-data")
     }
 
     /// Changes the cells of a recording, by line from 1.

@@ -1,12 +1,15 @@
 //! Imports of changed copies of the example of own recordings in space.
 
+mod common;
+
 use std::f64::consts::TAU;
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use importers::{Imported, importer};
 use serde_json::{Value, json};
 use trace::SpatialTrace;
+
+use common::Laboratory;
 
 /// Number of rows in which the whisker rings.
 const RINGING: usize = 60;
@@ -17,32 +20,9 @@ const AMPLITUDE: f64 = 0.05;
 /// Frequency of the ringing (Hz).
 const FREQUENCY_HZ: f64 = 7.0;
 
-/// Copy of `examples/own-data-space`.
-struct Laboratory {
-    folder: tempfile::TempDir,
-}
-
 impl Laboratory {
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/own-data-space");
-        for entry in fs::read_dir(example).unwrap() {
-            let path = entry.unwrap().path();
-            fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
-        }
-        Self { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn mapped(self, change: impl FnOnce(&mut Value)) -> Self {
-        let path = self.path("import.json");
-        let mut mapping = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-        change(&mut mapping);
-        fs::write(&path, mapping.to_string()).unwrap();
-        self
+        Self::of("own-data-space")
     }
 
     /// Each calibration ends with rows at the pose of its largest reading in which the whisker is free, and rings.

@@ -43,6 +43,40 @@ pub(crate) struct Remark {
     is_warning: bool,
 }
 
+/// Agreement of the readings of a calibration with the mechanics of the whisker.
+pub(crate) struct Agreement {
+    /// RMS of the residuals over that of the readings.
+    residual: f64,
+    /// Number of contacts, and of those to which the whisker does not reach.
+    contacts: usize,
+    unreached: usize,
+}
+
+impl Agreement {
+    /// Remark about the agreement with a `model` of the whisker. If it is poor, `except` states when this may be right, and `advice`
+    /// what to compare.
+    fn remark(&self, model: &str, except: &str, advice: &str) -> Remark {
+        let is_warning = self.residual > USUAL_RESIDUAL;
+        let advice = match is_warning {
+            true => format!(
+                ", expected at most {:.0} %{except}: estimated contacts are probably wrong; {advice}",
+                100.0 * USUAL_RESIDUAL
+            ),
+            false => String::new(),
+        };
+        let unreached = match self.unreached {
+            0 => String::new(),
+            unreached => format!("; the whisker does not reach {unreached} of {} contacts", self.contacts),
+        };
+        let text = format!(
+            "the readings of the calibration deviate by {:.1} % (RMS) from those of {model} through the known \
+             contacts{advice}{unreached}",
+            100.0 * self.residual
+        );
+        Remark { text, is_warning }
+    }
+}
+
 /// Numbers of rows whose reading is that of a touch, but whose contact is not known.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Lacking {

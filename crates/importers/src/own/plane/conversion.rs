@@ -8,7 +8,7 @@ use trace::Characteristic;
 use super::mapping::ReadingColumn;
 use crate::own::rest::check_known_contacts;
 use crate::own::units::{Reading, Unit};
-use crate::own::{Remark, USUAL_RESIDUAL};
+use crate::own::{Agreement, Remark};
 
 /// Key of the mapping that states the characteristic.
 const KEY: &str = "reading.characteristic";
@@ -30,28 +30,16 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// Remark about the agreement of the calibration with the mechanics of the whisker. `residual` is the RMS of the residuals over
-    /// that of the readings.
+    /// Remark about the agreement of the calibration with the elastica. `residual` is the RMS of the residuals over that of the
+    /// readings.
     fn remark(&self, residual: f64) -> Remark {
-        let unreached = match self.contacts - self.pairs.len() {
-            0 => String::new(),
-            unreached => format!("; the whisker does not reach {unreached} of {} contacts", self.contacts),
-        };
-        let is_warning = residual > USUAL_RESIDUAL;
-        let advice = match is_warning {
-            true => format!(
-                ", expected at most {:.0} %: estimated contacts are probably wrong; compare `whisker`, `base`, `contact` and `face` of the \
-                 mapping with the recordings, and look for saturated, drifting or delayed readings",
-                100.0 * USUAL_RESIDUAL
-            ),
-            false => String::new(),
-        };
-        let text = format!(
-            "the readings of the calibration deviate by {:.1} % (RMS) from those of the elastica through the known \
-             contacts{unreached}{advice}",
-            100.0 * residual
-        );
-        Remark { text, is_warning }
+        let agreement = Agreement { residual, contacts: self.contacts, unreached: self.contacts - self.pairs.len() };
+        agreement.remark(
+            "the elastica",
+            "",
+            "compare `whisker`, `base`, `contact` and `face` of the mapping with the recordings, and look for saturated, drifting or \
+             delayed readings",
+        )
     }
 }
 

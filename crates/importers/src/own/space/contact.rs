@@ -12,7 +12,7 @@ use crate::own::recording::Sampled;
 /// Smallest interval between rows, in nominal intervals, that ends a touch.
 const MOST_INTERVALS: f64 = 1.5;
 
-/// Ratio of the reading of the deflected rod to the recorded one above which the whisker is not deflected. It leaves room for friction,
+/// Ratio of the reading of the deflected rod to the recorded one above which the whisker is taken to be free. It allows for friction,
 /// for the nonlinearity of a sensor, and for parameters of the whisker that are only roughly known.
 const WEAK: f64 = 4.0;
 

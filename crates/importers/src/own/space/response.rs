@@ -11,7 +11,7 @@ use super::contact::Contact;
 use super::pin::Mechanics;
 use crate::own::recording::Sampled;
 use crate::own::rest::check_known_contacts;
-use crate::own::{Remark, USUAL_RESIDUAL};
+use crate::own::{Agreement, Remark};
 
 /// Key of the mapping that states the response.
 const KEY: &str = "reading.counts_per_n_m";
@@ -49,7 +49,7 @@ impl Fitted {
         touch: f64,
     ) -> Result<Self, Error> {
         // Without a response, the side of the pin is that of `side_of_axis`, and the contacts contain those of a free whisker. With a
-        // response, the side agrees with the readings, and such contacts are left out. Both sides may differ in light touches.
+        // response, the side agrees with the readings, and such contacts are left out. The sides found in the two ways may differ in light touches.
         let known = Known::new(calibration, mechanics, touch, None);
         check_known_contacts(path, KEY, calibration.len(), known.contacts, touch)?;
         let response = known.rough().ok_or_else(|| known.undetermined(path))?;
@@ -62,28 +62,15 @@ impl Fitted {
         Ok(Self { response, residual_counts, residual, contacts, unreached: contacts - pairs.len() })
     }
 
-    /// Remark about the agreement of the calibration with the mechanics of the whisker.
+    /// Remark about the agreement of the calibration with the rod.
     pub(super) fn remark(&self) -> Remark {
-        let percent = 100.0 * self.residual;
-        let unreached = match (self.unreached, self.contacts) {
-            (0, _) => String::new(),
-            (unreached, all) => format!("; the whisker does not reach {unreached} of {all} contacts"),
-        };
-        let is_warning = self.residual > USUAL_RESIDUAL;
-        let advice = match is_warning {
-            true => format!(
-                ", expected at most {:.0} % unless the sensor is nonlinear: estimated contacts are probably wrong; compare `whisker`, \
-                 `base` and `contact` of the mapping with the recordings, look for saturated, drifting or delayed readings, and raise \
-                 `touch` if the whisker oscillates while it is free",
-                100.0 * USUAL_RESIDUAL
-            ),
-            false => String::new(),
-        };
-        let text = format!(
-            "the readings of the calibration deviate by {percent:.1} % (RMS) from those of the rod through the known \
-             contacts{advice}{unreached}"
-        );
-        Remark { text, is_warning }
+        let Self { residual, contacts, unreached, .. } = *self;
+        Agreement { residual, contacts, unreached }.remark(
+            "the rod",
+            " unless the sensor is nonlinear",
+            "compare `whisker`, `base` and `contact` of the mapping with the recordings, look for saturated, drifting or delayed \
+             readings, and raise `touch` if the whisker oscillates while it is free",
+        )
     }
 }
 
@@ -105,8 +92,7 @@ impl Known {
         Self { contacts, pairs }
     }
 
-    /// Inverse of the linear fit of the moments to the readings. The small readings of a free whisker have little weight in it, wherever
-    /// the pin is. `None` if the contacts do not determine it.
+    /// Inverse of the linear fit of the moments to the readings. The small readings of a free whisker have little leverage in it. `None` if the contacts do not determine it.
     fn rough(&self) -> Option<BendingResponse> {
         let exchanged: Vec<_> = self.pairs.iter().map(|(moment_n_m, counts)| (*counts, *moment_n_m)).collect();
         BendingResponse::new(BendingResponse::fit(&exchanged)?.response().try_inverse()?)
@@ -125,8 +111,8 @@ impl Known {
     }
 }
 
-/// Ratio of the readings of contacts to those by a stated response, by which an error of the scale of sensor or whisker does not
-/// contradict all contacts: the median, weighted by the readings. 1 if there is no contact.
+/// Factor by which a stated response is multiplied so that a wrong scale of the sensor or the whisker does not contradict all
+/// contacts: the median ratio of the readings of contacts to those of the response, weighted by the readings. 1 without contacts.
 pub(super) fn scale(
     recordings: &[&Sampled<'_, Space>],
     mechanics: &Mechanics,
@@ -138,7 +124,8 @@ pub(super) fn scale(
         let size = counts.norm();
         (size / response.counts(*moment_n_m).norm(), size)
     };
-    let mut ratios: Vec<(f64, f64)> = known.pairs.iter().map(ratio).filter(|(ratio, _)| ratio.is_finite()).collect();
+    let mut ratios: Vec<(f64, f64)> =
+        known.pairs.iter().map(ratio).filter(|(ratio, size)| ratio.is_finite() && *size > 0.0).collect();
     ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * ratios.iter().map(|(_, weight)| weight).sum::<f64>();
     let mut sum = 0.0;
@@ -146,5 +133,5 @@ pub(super) fn scale(
         sum += weight;
         sum >= half
     });
-    median.map_or(1.0, |(ratio, _)| *ratio).max(f64::MIN_POSITIVE)
+    median.map_or(1.0, |(ratio, _)| *ratio)
 }
