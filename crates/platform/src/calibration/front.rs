@@ -15,7 +15,7 @@ pub(super) const MOST_ORDER: usize = 8;
 /// Highest sampling rate (Hz), above that of any magnetometer.
 pub(super) const MOST_RATE_HZ: f64 = 1e4;
 
-/// Most samples in a period of the low-pass's edge: the effort of [`Ramps`] is proportional to its square.
+/// Largest ratio of the sampling rate to `cutoff_hz`: the effort of [`Ramps`] grows with its square.
 pub(super) const MOST_SAMPLES: f64 = 2000.0;
 
 /// Parameters of the detection of presses in samples.
@@ -69,7 +69,7 @@ impl Chain {
         }
         let least_hz = self.rate_hz / MOST_SAMPLES;
         if !(least_hz <= self.cutoff_hz && 2.0 * self.cutoff_hz < self.rate_hz) {
-            let expected = format!("at least {least_hz} and below half of rate_hz");
+            let expected = format!("at least {least_hz:.3} and below half of rate_hz");
             return Err(wrong("cutoff_hz", self.cutoff_hz, &expected));
         }
         Ok(())
