@@ -14,8 +14,7 @@ pub(crate) fn evaluation_watermark<'a>(inputs: impl IntoIterator<Item = &'a str>
     watermark([env!("WHISKER_EVALUATION_SHA256")].into_iter().chain(inputs))
 }
 
-/// What the scores of a trace depend on, from the hash of its data and from its scene, which states friction, motion and
-/// yielding of the object.
+/// Inputs of the scores of a trace: the hash of its data, and its scene, which states friction, motion and yielding of the object.
 pub(crate) fn scored_inputs(data_sha256: &str, scene: &Value) -> String {
     format!("{data_sha256}{scene}")
 }

@@ -86,7 +86,7 @@ impl RunData {
     }
 
     /// The sets on which the error is followed over time, one per whisker: those whose contact is at rest or, in a run without such,
-    /// those of the first group. Sets whose true contacts are not known are left out, if those of another are.
+    /// those of the first group. Sets whose true contacts are not known are left out, if those of another set of the group are known.
     pub(crate) fn leading_sets(&self) -> Vec<&RunSet> {
         let first = self.run.sets.iter().find(|set| set.class() == ObjectClass::Pin);
         let Some(leading) = first.or(self.run.sets.first()) else {

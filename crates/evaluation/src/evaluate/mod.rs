@@ -91,7 +91,7 @@ pub fn evaluate(
 
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
-    // Those of shares are up to date, since each share discards its own.
+    // Items of shares are kept: each share with `force` has discarded its own.
     if settings.renews_items() && !shards.are_shared() {
         Shards::remove(part.path())?;
     }
@@ -136,7 +136,7 @@ pub fn evaluate_share(
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
     if settings.renews_items() {
-        // Before the first share has left its mark, all items are those of an evaluation without shares.
+        // Until a share has marked the folder, all items are those of an evaluation without shares.
         let is_stale = |item: &usize| share.has(*item) || !shards.are_shared();
         (0..plan.items.len()).filter(is_stale).try_for_each(|item| shards.remove_item(item))?;
     }

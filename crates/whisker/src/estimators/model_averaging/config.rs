@@ -119,8 +119,8 @@ impl Default for Config {
 
 impl Config {
     /// Average of the methods that smooth over the whole contact, with odds and power chosen in the same way, and on small circles
-    /// along which the whisker rubs. The evidence is that of the filters with which the smoothers begin: it favours the thin object
-    /// also where its small process noise hides the size of a round one. The power is therefore small.
+    /// along which the whisker rubs. The evidence is that of the forward filters of the smoothers. On small circles it favours the thin
+    /// object, which has no radius to be found, although the smoothed contacts of a round one are better. The power is therefore small.
     pub(in crate::estimators) fn hindsight() -> Self {
         let among = Self::among([("batch", 1.0), ("batch-sliding", 2.0), ("outline-batch", 1.0)]);
         Self { evidence_power: 0.1, block: BlockSettings::single(), ..among }

@@ -151,7 +151,7 @@ impl Method for ModelAveraging {
             has_returned: false,
             base: touch.before,
             last: None,
-            beside_tip_m2: None,
+            off_tip_m2: None,
             blocks: Blocks::new(touch.before, touch.face.rest.length_m()),
             has_begun: false,
             late: None,
@@ -187,8 +187,8 @@ struct AveragingTracker {
     base: Pose<Base, Start>,
     /// The last stated contact and its covariance (m2).
     last: Option<(Point<Start>, Matrix2<f64>)>,
-    /// Covariance (m2) of the last stated contact that was not at the tip.
-    beside_tip_m2: Option<Matrix2<f64>>,
+    /// Covariance (m2) of the last stated contact that was not at the tip, 2x2 in Start.
+    off_tip_m2: Option<Matrix2<f64>>,
     blocks: Blocks,
     /// Whether the candidates have taken the first sample of the touch.
     has_begun: bool,
@@ -303,10 +303,10 @@ impl AveragingTracker {
         };
         let stated = self.near_the_domain(Estimate { model_doubtful, second_contact, ..together? })?;
         let in_start = |covariance_m2| (self.base.apply(stated.contact), self.base.turn(covariance_m2));
-        self.last = stated.covariance_m2.map(in_start).or(self.last);
-        if !stated.at_tip {
-            self.beside_tip_m2 = self.last.map(|(_, covariance_m2)| covariance_m2);
-        }
+        let placed = stated.covariance_m2.map(in_start);
+        self.last = placed.or(self.last);
+        let off_tip = placed.filter(|_| !stated.at_tip);
+        self.off_tip_m2 = off_tip.map(|(_, covariance_m2)| covariance_m2).or(self.off_tip_m2);
         Some(stated)
     }
 
@@ -382,7 +382,8 @@ impl Tracker for AveragingTracker {
         Some((0..count).map(|i| self.together(&at(i), None)).collect())
     }
 
-    /// If the object probably moves, the candidates for one at rest expect its contact where it no longer is: they do not count.
+    /// If the object probably moves, the candidates for one at rest expect the contact where the object no longer is, and are ignored.
+    /// The covariance of the last contact is then added: unlike that of the remaining candidate, it allows for a wrong calibration.
     fn expect_touch(&mut self, undetected: &Undetected) -> Option<Estimate> {
         // The candidates have not taken the samples of a block that has not ended.
         let undetected = Undetected { free_s: undetected.free_s + self.blocks.pending_s(), ..*undetected };
@@ -398,7 +399,7 @@ impl Tracker for AveragingTracker {
         }
         let together = self.together(&estimates, None).map(|estimate| self.with_systematic(estimate, &estimates));
         let added_m2 =
-            self.beside_tip_m2.filter(|_| moves).map(|covariance_m2| undetected.base.inverse().turn(covariance_m2));
+            self.off_tip_m2.filter(|_| moves).map(|covariance_m2| undetected.base.inverse().turn(covariance_m2));
         let together = together.map(|estimate| Estimate {
             covariance_m2: estimate.covariance_m2.map(|own_m2| own_m2 + added_m2.unwrap_or_default()),
             ..estimate

@@ -32,7 +32,7 @@ fn tracker(shares: [f64; 2], face: &Arc<CalibratedFace>) -> AveragingTracker {
         has_returned: false,
         base: Pose::new(0.0, 0.0, 0.0),
         last: None,
-        beside_tip_m2: None,
+        off_tip_m2: None,
         blocks: Blocks::new(Pose::new(0.0, 0.0, 0.0), 0.08),
         has_begun: false,
         late: None,
@@ -263,7 +263,7 @@ fn regress_the_contact_of_a_moving_object_is_expected_where_it_has_moved_to() {
     tracker.methods = Arc::new([("rests", Box::new(Anew)), ("moves", Box::new(Anew))]);
     tracker.trackers = vec![Box::new(Expects(known(0.05))), Box::new(Follows(Expects(known(0.055))))];
     tracker.right = Modes::new([0.1, 0.9]);
-    (tracker.moves, tracker.beside_tip_m2) = (true, Some(Matrix2::identity() * 1e-6));
+    (tracker.moves, tracker.off_tip_m2) = (true, Some(Matrix2::identity() * 1e-6));
     let base = Pose::new(0.0, 0.0, 0.0);
     let undetected = Undetected { base, free_s: 0.1, dt_s: 4e-3, reading_n_m: 1e-5 };
     let stated = tracker.expect_touch(&undetected).unwrap();

@@ -1,4 +1,4 @@
-//! What the estimators of the plane and those of space have in common: their lines, and checks of their first lines.
+//! Common interface of the estimators of the plane and of space: their lines, and checks of their first lines.
 
 use std::path::Path;
 
