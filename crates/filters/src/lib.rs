@@ -111,7 +111,7 @@ mod state_array;
 pub mod unscented;
 
 pub use bank::Bank;
-pub use cholesky::cholesky;
+pub use cholesky::{cholesky, inverse};
 pub use gaussian::{Gaussian, Innovation, UpdateError};
 pub use matrix::{congruence, product};
 pub use model::{ConstantNoise, Measurement, Process};

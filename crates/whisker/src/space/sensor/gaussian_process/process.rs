@@ -54,7 +54,7 @@ impl Process {
         let solve = |channel: usize| {
             let kernel = &kernels[channel];
             let covariance = covariance(samples, &places, kernel);
-            let inverse = covariance.cholesky()?.inverse();
+            let inverse = filters::inverse(&covariance)?;
             let deviation =
                 |i: usize| samples[i].reading[channel] / largest_reading - trend.at(&samples[i].contact_m).0[channel];
             let weights = &inverse * DVector::from_fn(samples.len(), |i, _| deviation(i));
@@ -123,7 +123,7 @@ impl Process {
             let mut of_channel = Vec::new();
             for channel in 0..2 {
                 let block = self.inverse[channel].select_rows(&rows).select_columns(&rows);
-                let covariance = block.try_inverse()?;
+                let covariance = filters::inverse(&block)?;
                 let error = &covariance * self.weights[channel].select_rows(&rows);
                 of_channel.push((error, covariance));
             }
@@ -167,7 +167,7 @@ impl Process {
         for channel in 0..2 {
             let columns = self.inverse[channel].select_columns(&rows);
             let block = columns.select_rows(&rows);
-            let inverse = block.try_inverse()?;
+            let inverse = filters::inverse(&block)?;
             predictor.weights[channel] -= columns * (&inverse * self.weights[channel].select_rows(&rows));
             predictor.dropped[channel] = inverse;
         }
