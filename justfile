@@ -80,7 +80,7 @@ golden:
 reproduce *arguments:
     @cargo xtask reproduce "$@"
 
-# Measure the certainty on random scenes, with calibrations that are off and with friction: results/reference/certainty/
+# Measure the certainty on random scenes, of inexact calibrations and in contacts with friction: four folders of results/reference/
 random *arguments:
     @cargo xtask random "$@"
 

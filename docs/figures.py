@@ -77,6 +77,7 @@ class Table:
 TABLES = {
     "claims": Table("claims.csv", ("id",), "measured"),
     "certainty": Table("certainty/claims.csv", ("id",), "measured"),
+    "contacts": Table("contacts/claims.csv", ("id",), "measured"),
     "quantity_claims": Table("quantities/claims.csv", ("id",), "measured"),
     "yielding_claims": Table("yielding/claims.csv", ("id",), "measured"),
     "quantities": Table("*/quantities.csv", ("trace", "quantity", "estimator", "seed"), of_runs=True),
@@ -267,10 +268,12 @@ def bound(row: dict[str, str]) -> str:
 GENERATED: dict[str, Callable[[], str]] = {
     "unmet_claims": unmet_claims,
     "certainty_unmet_claims": functools.partial(unmet_claims, "certainty"),
+    "contacts_unmet_claims": functools.partial(unmet_claims, "contacts"),
     "yielding_unmet_claims": functools.partial(unmet_claims, "yielding"),
     "space_unmet_claims": functools.partial(unmet_claims, "spatial"),
     "unmet_count": unmet_count,
     "certainty_unmet_count": functools.partial(unmet_count, "certainty"),
+    "contacts_unmet_count": functools.partial(unmet_count, "contacts"),
     "quantity_unmet_count": functools.partial(unmet_count, "quantities"),
     "yielding_unmet_count": functools.partial(unmet_count, "yielding"),
     "space_unmet_count": functools.partial(unmet_count, "spatial"),

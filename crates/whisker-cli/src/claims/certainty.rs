@@ -8,7 +8,7 @@ use super::sets::{
     Set, allows, coverage_of, doubt_false_per_min, doubt_found, expected_above, nis_of_missed, overconfident, sets_of,
     share, sidecar,
 };
-use super::{Claim, Context, RECOMMENDED, contacts, friction, hollow};
+use super::{Claim, Context, RECOMMENDED};
 
 /// Run of the random suite.
 const RANDOM: &str = "random";
@@ -16,9 +16,8 @@ const RANDOM: &str = "random";
 /// Run of the standard suite's pins with miscalibrations.
 const MISCALIBRATED: &str = "miscalibrated";
 
-/// Runs of the claims on certainty: those of this topic, and those of contacts with friction and of objects that are not convex or
-/// move.
-pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED, contacts::RUN, friction::RUN, hollow::RUN];
+/// Runs that the claims of this file are measured on.
+pub(super) const RUNS: &[&str] = &[RANDOM, MISCALIBRATED];
 
 /// Shapes with corners; a plate is met at its edge.
 const POLYGONS: [&str; 4] = ["rectangle", "regular_polygon", "convex_polygon", "plate"];

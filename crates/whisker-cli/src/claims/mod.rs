@@ -146,8 +146,15 @@ pub const SETS: &[ClaimSet] = &[
     },
     ClaimSet {
         name: "certainty",
-        topics: &[certainty::claims, contacts::claims, friction::claims, hollow::claims],
+        topics: &[certainty::claims],
         runs: certainty::RUNS,
+        spatial_runs: &[],
+        figures: &[],
+    },
+    ClaimSet {
+        name: "contacts",
+        topics: &[contacts::claims, friction::claims, hollow::claims],
+        runs: &[contacts::RUN, friction::RUN, hollow::RUN],
         spatial_runs: &[],
         figures: &[],
     },

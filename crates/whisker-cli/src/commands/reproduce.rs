@@ -18,7 +18,7 @@ use crate::claims::{ClaimSet, Context, SETS, measure};
 /// Measure every claim of the documentation and write results/reference/
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Set of claims: standard, certainty, quantities, yielding or space
+    /// Set of claims: standard, certainty, contacts, quantities, yielding or space
     #[arg(long, value_parser = set_of, default_value = SETS[0].name)]
     set: &'static ClaimSet,
     /// Folder of the evaluated runs

@@ -33,8 +33,9 @@ const DEVIATIONS: &str = "deviations";
 const SEEDS: u32 = 20;
 
 /// Sets of claims, each with the folder of its table.
-const CLAIMS: [(&str, &str); 3] = [
+const CLAIMS: [(&str, &str); 4] = [
     ("certainty", "results/reference/certainty"),
+    ("contacts", "results/reference/contacts"),
     ("quantities", "results/reference/quantities"),
     ("yielding", "results/reference/yielding"),
 ];
