@@ -18,6 +18,7 @@ const ALLOCATING: &[(&str, &str)] = &[
     ("batch", "keeps every step of the touch for smoothing"),
     ("smoother-sliding", "keeps every step of the touch for smoothing"),
     ("batch-sliding", "keeps every step of the touch for smoothing"),
+    ("smoother-installed", "keeps every step of the touch for smoothing"),
     ("batch-recommended", "its candidates keep every step of the touch for smoothing"),
     ("outline", "keeps the readings since the first touch"),
     ("outline-batch", "keeps the readings since the first touch"),

@@ -23,7 +23,8 @@ fn error_m(samples: &[(f64, Sample)], estimates: &[Option<Estimate>]) -> f64 {
 const NOISE_N_M: f64 = 3e-7;
 
 /// Filters that estimate the object's radius as well as the contact, whose errors are correlated.
-const FIND_THE_RADIUS: [&str; 6] = ["round", "rubbing", "installed", "pushed", "sliding", "smoother-sliding"];
+const FIND_THE_RADIUS: [&str; 7] =
+    ["round", "rubbing", "installed", "pushed", "sliding", "smoother-sliding", "smoother-installed"];
 
 /// Largest final error with noise-free readings: the beam-theory baselines keep their initial error, and the published
 /// filters have a fading memory.

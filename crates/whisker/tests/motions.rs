@@ -52,22 +52,43 @@ fn verif_every_filter_takes_every_motion() {
 fn verif_a_contact_at_rest_is_most_probably_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
-    // `round`, `rubbing`, `installed` and `batch-sliding` contain thin objects as well.
+    // `round`, `rubbing`, `installed`, `batch-sliding` and `smoother-installed` contain thin objects as well.
     let winners: [(&str, &[&str]); 3] = [
         ("recommended", &["ukf", "round", "rubbing", "installed"]),
         ("imm", &["static"]),
-        ("batch-recommended", &["batch", "batch-sliding"]),
+        ("batch-recommended", &["batch", "batch-sliding", "smoother-installed"]),
     ];
     for (name, winners) in winners {
         let row = estimators::estimator(name).unwrap();
         let estimates = run(estimator(row, &knowledge, 1), &samples);
         let models = estimates.last().copied().flatten().and_then(|last| last.models).expect("models");
-        let (leading, _) = models.iter().next().unwrap();
+        // The probability of an inexact calibration hardly depends on the readings.
+        let (leading, _) = models.iter().find(|(model, _)| !model.ends_with("installed")).unwrap();
         assert_eq!(leading, winners[0], "{name}: {models}");
         let share: f64 = models.iter().filter(|(model, _)| winners.contains(model)).map(|(_, share)| share).sum();
         assert!(share > 0.8, "{name}: {models}");
         assert!((models.iter().map(|(_, share)| share).sum::<f64>() - 1.0).abs() < 1e-9, "{name}: {models}");
     }
+}
+
+/// Readings that are larger than calibrated displace the contact by more than the noise does.
+#[test]
+fn val_covariances_in_hindsight_allow_for_a_wrong_gain() {
+    let knowledge = knowledge(NOISE_N_M);
+    let larger = |(t_s, sample): (f64, Sample)| (t_s, Sample { reading_n_m: 1.02 * sample.reading_n_m, ..sample });
+    let samples: Vec<_> = samples(&knowledge, 3.0, |_| true).into_iter().map(larger).collect();
+    let covered = |name: &str| {
+        let estimates = run(estimator(estimators::estimator(name).unwrap(), &knowledge, 1), &samples);
+        let is_covered = |((t_s, _), estimate): (&(f64, Sample), &Option<Estimate>)| {
+            let estimate = estimate.as_ref()?;
+            let error = base(*t_s).inverse().apply(contact()).vector() - estimate.contact.vector();
+            Some(error.dot(&estimate.covariance_m2?.cholesky()?.solve(&error)) < 5.99)
+        };
+        let known: Vec<bool> = samples.iter().zip(&estimates).filter_map(is_covered).collect();
+        known.iter().filter(|covered| **covered).count() as f64 / known.len() as f64
+    };
+    assert!(covered("batch-recommended") > 0.9, "{}", covered("batch-recommended"));
+    assert!(covered("batch-sliding") < 0.5, "{}", covered("batch-sliding"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Extended Kalman filter for a sensor whose gain and mounting may differ from the calibrated ones.
+//! Extended Kalman filter, and smoother, for a sensor whose gain and mounting may differ from the calibrated ones.
 
 use std::sync::Arc;
 
@@ -6,31 +6,56 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::extended::Extended;
-use super::gaussian::{self, Follower};
+use super::gaussian::{self, Follower, GaussianFilter};
+use super::iterated::Iterated;
 use super::motion::Installed;
+use super::smoother::{self, Recorder};
 use super::{Knowledge, Method, Touch, Tracker};
 use crate::settings::{Settings, SettingsError, parse};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Config {
+#[serde(default, deny_unknown_fields, bound = "Filter: GaussianFilter")]
+pub(super) struct Config<Filter> {
     /// The filter.
     #[serde(with = "gaussian::without_motion")]
-    filter: gaussian::Config<Extended>,
+    filter: gaussian::Config<Filter>,
     /// Object, gain and mounting.
     sensor: Installed,
 }
 
-impl Default for Config {
-    /// Hypotheses are dropped and merged earlier than by `round`, because those of a larger state take longer.
-    fn default() -> Self {
-        let filter = gaussian::Config { prune_share: 1e-3, merge_loss: 3e-2, ..gaussian::Config::round() };
-        Self { filter, sensor: Installed::default() }
+impl<Filter: GaussianFilter> Config<Filter> {
+    /// Hypotheses are dropped and merged earlier than by the same filter without gain and mounting, because those of a larger state
+    /// take longer.
+    fn with(filter: gaussian::Config<Filter>) -> Self {
+        Self {
+            filter: gaussian::Config { prune_share: 1e-3, merge_loss: 3e-2, ..filter },
+            sensor: Installed::default(),
+        }
     }
 }
 
-impl Settings for Config {
+impl Config<Extended> {
+    /// Settings of the filter.
+    pub(super) fn recursive() -> Self {
+        Self::default()
+    }
+}
+
+impl Config<Iterated> {
+    /// Settings of the smoother.
+    pub(super) fn hindsight() -> Self {
+        Self::with(gaussian::Config::default())
+    }
+}
+
+impl<Filter: GaussianFilter> Default for Config<Filter> {
+    fn default() -> Self {
+        Self::with(gaussian::Config::round())
+    }
+}
+
+impl<Filter: GaussianFilter> Settings for Config<Filter> {
     fn validate(&self) -> Result<(), SettingsError> {
         self.filter.validate()?;
         self.sensor.validate()
@@ -38,11 +63,11 @@ impl Settings for Config {
 }
 
 struct OfInstalled {
-    config: Config,
+    config: Config<Extended>,
     knowledge: Arc<Knowledge>,
 }
 
-pub(super) fn build(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+pub(super) fn build_recursive(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
     Ok(Box::new(OfInstalled { config: parse(config)?, knowledge: knowledge.clone() }))
 }
 
@@ -50,5 +75,24 @@ impl Method for OfInstalled {
     fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
         let Config { filter, sensor } = self.config;
         Box::new(Follower::new(filter, sensor.beyond_pin(touch.face), touch, &self.knowledge))
+    }
+}
+
+struct SmootherOfInstalled {
+    config: Config<Iterated>,
+    knowledge: Arc<Knowledge>,
+}
+
+pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
+    let config: Config<Iterated> = parse(config)?;
+    smoother::check_used(&config.filter)?;
+    Ok(Box::new(SmootherOfInstalled { config, knowledge: knowledge.clone() }))
+}
+
+impl Method for SmootherOfInstalled {
+    fn begin(&self, touch: &Touch<'_>) -> Box<dyn Tracker> {
+        let Config { filter, sensor } = self.config;
+        let follower = Follower::new(filter, sensor.beyond_pin(touch.face), touch, &self.knowledge);
+        Box::new(Recorder::new(follower))
     }
 }

@@ -78,8 +78,8 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
         about: "`round` for a sensor whose gain and mounting may differ from the calibrated ones",
         class: MethodClass::Recursive,
         sensor_model: None,
-        defaults: defaults::<installed::Config>,
-        build: installed::build,
+        defaults: || to_json(&installed::Config::recursive()),
+        build: installed::build_recursive,
     },
     EstimatorRow {
         name: "rubbing",
@@ -178,8 +178,17 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
         build: batch::build,
     },
     EstimatorRow {
+        name: "smoother-installed",
+        about: "`installed`, smoothed over the whole contact",
+        class: MethodClass::Hindsight,
+        sensor_model: None,
+        defaults: || to_json(&installed::Config::hindsight()),
+        build: installed::build_hindsight,
+    },
+    EstimatorRow {
         name: "batch-recommended",
-        about: "Bayesian average of `batch` (thin objects), `batch-sliding` (round ones) and `outline-batch` (others)",
+        about: "Bayesian average of `batch` (thin objects), `batch-sliding` (round ones), `outline-batch` (others) and \
+            `smoother-installed` (inexact calibration)",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&model_averaging::Config::hindsight()),

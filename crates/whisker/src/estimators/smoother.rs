@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use filters::Gaussian;
-use filters::Process;
 use filters::smoother::{Step, smooth};
+use filters::{Gaussian, Innovation, Process};
 use nalgebra::SMatrix;
 use serde_json::Value;
 
@@ -78,9 +77,12 @@ impl<Model: Motion<N>, const N: usize> Recorder<Model, N> {
 
     /// Estimates of all samples from beliefs of all steps.
     pub(super) fn estimates(&self, beliefs: &[Gaussian<N>]) -> Vec<Option<Estimate>> {
+        self.places.iter().map(|place| place.map(|step| self.estimate(&beliefs[step], None))).collect()
+    }
+
+    fn estimate(&self, belief: &Gaussian<N>, innovation: Option<Innovation<1>>) -> Estimate {
         let Follower { side, motion, .. } = &self.follower;
-        let estimate = |step: usize| side.estimate(motion.radius(), &beliefs[step], None);
-        self.places.iter().map(|place| place.map(estimate)).collect()
+        motion.place(side, belief, side.estimate(motion.radius(), belief, innovation))
     }
 }
 
@@ -93,7 +95,7 @@ impl<Model: Motion<N>, const N: usize> Tracker for Recorder<Model, N> {
             self.follower.motion.step(&self.follower.side, sample).jacobian(&last.filtered.mean)
         });
         self.steps.push(Step { jacobian, predicted: advance.predicted, filtered: advance.filtered });
-        Some(self.follower.side.estimate(self.follower.motion.radius(), &advance.filtered, advance.innovation))
+        Some(self.estimate(&advance.filtered, advance.innovation))
     }
 
     fn hindsight(&mut self) -> Option<Vec<Option<Estimate>>> {

@@ -13,6 +13,9 @@ use crate::estimators::shares::MOST_MODELS;
 use crate::estimators::systematic::SystematicSettings;
 use crate::settings::{Settings, SettingsError, to_json, within};
 
+/// Largest `mean_evidence`, with which the considered candidates do not determine the mean.
+const MOST_MEAN_EVIDENCE: f64 = 1e3;
+
 /// A method to average over.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -121,9 +124,17 @@ impl Config {
     /// Average of the methods that smooth over the whole contact, with odds and power chosen in the same way, and on small circles
     /// along which the whisker rubs. The evidence is that of the forward filters of the smoothers. On small circles it favours the thin
     /// object, which has no radius to be found, although the smoothed contacts of a round one are better. The power is therefore small.
+    /// `smoother-installed` adds to the covariance alone: its contacts are less accurate even if the sensor deviates.
     pub(in crate::estimators) fn hindsight() -> Self {
-        let among = Self::among([("batch", 1.0), ("batch-sliding", 2.0), ("outline-batch", 1.0)]);
-        Self { evidence_power: 0.1, block: BlockSettings::single(), ..among }
+        let mut average = Self::among([("batch", 1.0), ("batch-sliding", 2.0), ("outline-batch", 1.0)]);
+        average.candidates.push(Candidate { considered: true, ..Candidate::new("smoother-installed", 3.0) });
+        Self {
+            evidence_power: 0.1,
+            considered_power: 0.01,
+            mean_evidence: MOST_MEAN_EVIDENCE,
+            block: BlockSettings::single(),
+            ..average
+        }
     }
 
     pub(super) fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {
@@ -154,7 +165,7 @@ impl Settings for Config {
         within("evidence_power", self.evidence_power, 1e-3..=1.0)?;
         within("considered_power", self.considered_power, 1e-6..=1.0)?;
         within("mean_power", self.mean_power, 1e-6..=1.0)?;
-        within("mean_evidence", self.mean_evidence, 0.0..=1e3)?;
+        within("mean_evidence", self.mean_evidence, 0.0..=MOST_MEAN_EVIDENCE)?;
         self.doubt.validate()?;
         self.second.validate()?;
         self.block.validate()?;
