@@ -1,11 +1,17 @@
 """Certificate of a trace, and flags of contacts at several points."""
 
 import dataclasses
+import json
+import re
 
 import numpy as np
 
 from whisker_sim.certificate import Contacts, certify, quasi_static
+from whisker_sim.cli import main
+from whisker_sim.products import BOUNDS
 from whisker_sim.simulate import simulate
+
+from conftest import REPOSITORY
 
 
 def contacts(time_s, arc_m, on_the_side):
@@ -79,3 +85,37 @@ def test_val_contact_at_two_points_is_flagged(make_run):
     single_m = rolling.truth.surface_m[rolling.touching & ~rolling.split]
     assert np.max(np.linalg.norm(single_m - single_m[0], axis=1)) > 0.019
     assert not np.any(simulate(make_run(whisker="curved")).split)
+
+
+def test_verif_bounds_are_those_of_whisker_check():
+    """The keys and values of `whisker check` stand in the sources of the crate `trace`, those for users in FORMAT.md."""
+    text = (REPOSITORY / "datasets" / "FORMAT.md").read_text()
+    rows = re.compile(r"^\| `(\w+)` \| .* \| ([\d.e-]+) \|$", re.MULTILINE)
+    for version, file, title in (
+        (1, "certificate.rs", "### Certificate"),
+        (2, "spatial/certificate.rs", "The certificate compares"),
+    ):
+        source = (REPOSITORY / "crates" / "trace" / "src" / file).read_text()
+        constants = dict(re.findall(r"pub const (\w+): f64 = (\S+);", source))
+        assert re.findall(r'\("(\w+)", ', source) == list(BOUNDS[version])
+        assert {key.lower(): float(value) for key, value in constants.items()} | {"unsolved": 0.0} == BOUNDS[version]
+        section = text.split(title)[1].split("\n#")[0]
+        assert {key: float(value) for key, value in rows.findall(section)} == BOUNDS[version]
+
+
+def test_robust_simulate_names_traces_that_exceed_a_bound(write_scene, tmp_path, capsys):
+    """A chain of six segments bends too coarsely; the note also follows traces that are up to date."""
+    coarse = [
+        write_scene(name=name, whisker={"preset": "straight", "name": "coarse", "segments": 6}) for name in ("rough", "rougher")
+    ]
+    out = tmp_path / "out"
+    command = ["simulate", *map(str, [write_scene(), *coarse]), "--out", str(out), "--jobs", "1"]
+    for _ in range(2):
+        assert main(command) == 0
+        notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("note: ")]
+        expected = f"note: the deviation from theory exceeds a bound in rough, rougher; `whisker check {out}` states the values"
+        assert notes == [expected]
+    for path in out.glob("rough*.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"certificate": None}))
+    assert main(["simulate", str(coarse[0]), "--out", str(out), "--jobs", "1"]) == 0
+    assert "note: " not in capsys.readouterr().err

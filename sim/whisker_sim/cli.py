@@ -281,7 +281,11 @@ def _make_traces(
         # A folder under two names is locked once: the second lock would wait for the first.
         for folder in sorted({folder.resolve(): folder for folder in sorted(written)}.values()):
             locks.enter_context(exclusive(folder, f"{number}-of-{shares}" if shares > 1 else ""))
-        return run_job(job, items[number - 1 :: shares], executor, options.force)
+        own = items[number - 1 :: shares]
+        code = run_job(job, own, executor, options.force)
+        for note in products.notes_on_accuracy(own):
+            print(note, file=sys.stderr)
+        return code
 
 
 def _check_apart(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import mujoco
 import numpy as np
 
@@ -17,7 +18,7 @@ from whisker_sim.arm.simulate import simulate_passage
 from whisker_sim.drawing import SweepRenderer
 from whisker_sim.errors import InputError, WhiskerSimError
 from whisker_sim.export import Start, passage_at_start, sweep_at_start
-from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Job, Outcome
+from whisker_sim.jobs import FAILED, SUCCESS, WRONG_INPUT, Items, Job, Outcome
 from whisker_sim.progress import part
 from whisker_sim.random_suite import simulate as random_set
 from whisker_sim.random_suite import simulate_space as random_spatial_set
@@ -83,6 +84,29 @@ PRODUCTS: dict[type, Product] = {
     ),
 }
 """Products by kind of scene."""
+
+
+BOUNDS = {
+    1: {
+        "unsolved": 0.0,
+        "moment_rms": 1e-3,
+        "surface_rms_m": 10e-6,
+        "surface_worst_m": 60e-6,
+        "arc_rms_m": 40e-6,
+        "penetration_worst_m": 10e-6,
+    },
+    2: {
+        "unsolved": 0.0,
+        "moment_rms": 1e-3,
+        "moment_jump": 1e-3,
+        "surface_rms_m": 20e-6,
+        "normal_rms_rad": 3.5e-3,
+        "penetration_worst_m": 10e-6,
+    },
+}
+"""Bounds of the figures of certificates by the format of the trace, as `whisker check` holds them."""
+
+_MOST_NAMED = 10
 
 
 Drawn = frozenset[tuple[Path, str]]
@@ -197,3 +221,34 @@ def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
         place = traceback.extract_tb(error.__traceback__)[-1]
         found = WhiskerSimError(" ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":"))
         return Outcome(FAILED, f"error: {run.path}: {run.name}: unexpected {found} ({Path(place.filename).name}:{place.lineno})")
+
+
+def notes_on_accuracy(items: Items) -> list[str]:
+    """For each folder with traces of `items` whose certificates exceed a bound, one line for the user that names them."""
+    inaccurate: dict[Path, list[str]] = {}
+    for folder, run in items:
+        for name in run.scene.names(run.name):
+            if _exceeds_a_bound(folder / f"{name}.json"):
+                inaccurate.setdefault(folder, []).append(name)
+    return [
+        f"note: the deviation from theory exceeds a bound in {_named(names)}; `whisker check {folder}` states the values"
+        for folder, names in inaccurate.items()
+    ]
+
+
+def _exceeds_a_bound(path: Path) -> bool:
+    """Whether a sidecar states a certificate with a figure above its bound.
+
+    The description of a recording of several whiskers has no certificate; a trace that failed may have no valid sidecar.
+    """
+    try:
+        sidecar = msgspec.json.decode(path.read_bytes())
+        certificate = sidecar["certificate"]
+        return any((certificate[key] or 0.0) > bound for key, bound in BOUNDS[sidecar["format"]].items())
+    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+        return False
+
+
+def _named(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(names[:_MOST_NAMED]) + more
