@@ -32,6 +32,18 @@ def test_verif_the_time_left_is_estimated_before_the_first_item_is_finished(cloc
     assert capsys.readouterr().err == "first: done\nsimulate: 1 of 4 traces, about 17 min left\n"
 
 
+def test_verif_no_time_is_estimated_while_workers_start(clock, capsys):
+    """A small share of the work that follows a long start says nothing about the speed: the estimate waits for ten seconds."""
+    shown = Progress("simulate", "trace", 4)
+    shown.start(shares := [0.01, 0.0, 0.0, 0.0])
+    clock[0] = 2.0
+    shown._show()
+    assert capsys.readouterr().err == ""
+    shares[0], clock[0] = 0.2, 10.0
+    shown._show()
+    assert capsys.readouterr().err == "simulate: 0 of 4 traces, about 3 min left\n"
+
+
 def test_verif_items_that_are_up_to_date_do_not_count_for_the_speed(clock, capsys):
     shown = Progress("simulate", "trace", 100)
     for _ in range(90):

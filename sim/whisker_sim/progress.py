@@ -1,7 +1,8 @@
 """Progress of many items of work on stderr, with an estimate of the time left.
 
 A process that works on an item reports the finished share of it by `report_share`; so the estimate does not have to wait for the
-first item to be finished.
+first item to be finished. It waits until `_KNOWN_S` have passed or `_KNOWN_SHARE` of the work is finished: before that, most of the
+time was that in which the worker processes start.
 """
 
 import sys
@@ -15,6 +16,9 @@ from typing import NamedTuple, Self
 _REFRESH_S = 0.5
 _FIRST_LINE_S, _LINE_S = 1.0, 10.0
 """Time of the first line without a terminal, and time between lines; shorter jobs than the latter have none."""
+
+_KNOWN_S, _KNOWN_SHARE = 10.0, 0.1
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total} {unit}s [{elapsed}<{remaining}]"
 
 
 class Progress:
@@ -37,8 +41,7 @@ class Progress:
         if sys.stderr.isatty():
             from tqdm import tqdm
 
-            bar_format = "{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total} {unit}s [{elapsed}<{remaining}]"
-            options = {"unit": self._noun, "desc": self._verb, "bar_format": bar_format}
+            options = {"unit": self._noun, "desc": self._verb, "bar_format": _BAR.replace("{remaining}", "?")}
             self._bar = tqdm(total=self._total, smoothing=0.0, dynamic_ncols=True, **options)
         else:
             self._line_s += _FIRST_LINE_S
@@ -77,15 +80,18 @@ class Progress:
             self._show()
 
     def _show(self) -> None:
-        done = self._done
+        done, now_s = self._done, time.monotonic()
+        elapsed_s = now_s - self._start_s
+        share = (done - self._reused) / max(1, self._total - self._reused)
+        is_known = share >= _KNOWN_SHARE or (share > 0.0 and elapsed_s >= _KNOWN_S)
         if self._bar is not None:
             self._bar.n = max(self._bar.n, done)
+            if is_known:
+                self._bar.bar_format = _BAR
             self._bar.refresh()
             return
-        now_s = time.monotonic()
-        if done <= self._reused or now_s < self._line_s:
+        if not is_known or now_s < self._line_s:
             return
-        elapsed_s = now_s - self._start_s
         left_s = elapsed_s * (self._total - done) / (done - self._reused)
         if elapsed_s + left_s > _LINE_S:
             counted = f"{self._finished} of {self._total} {self._noun}s"
