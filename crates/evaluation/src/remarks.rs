@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use testbed::metrics::ContactCount;
 use testbed::results::SetName;
+use whisker::sensor::Face;
 
 use crate::plausibility::Finding;
 
@@ -17,12 +18,14 @@ pub struct TrialRemarks {
     pub rates: Vec<(String, Finding)>,
     /// Number of true contacts of each set, and of those outside the calibrated domain.
     pub contacts: BTreeMap<SetName, ContactCount>,
+    /// Number of traces of each set that touch, by the sign of their moments, with a face that is not calibrated.
+    pub uncalibrated: BTreeMap<(SetName, Face), usize>,
 }
 
 impl TrialRemarks {
     /// The remarks, one line each.
     pub fn lines(&self) -> Vec<String> {
-        self.on_rates().into_iter().chain(self.on_contacts()).collect()
+        [self.on_rates(), self.on_faces(), self.on_contacts()].into_iter().flatten().collect()
     }
 
     fn on_rates(&self) -> Option<String> {
@@ -34,6 +37,21 @@ impl TrialRemarks {
             format!("; rate_hz also contradicts the times of {}", named(&names, 5))
         };
         Some(format!("{}{others}", on_rate(first, finding)))
+    }
+
+    fn on_faces(&self) -> Option<String> {
+        let of_set = |((SetName { group, whisker }, face), count): (&(SetName, Face), &usize)| {
+            let traces = if *count == 1 { "trace" } else { "traces" };
+            format!("`{}` in {count} {traces} of `{group}` with `{whisker}`", face.name())
+        };
+        let sets: Vec<String> = self.uncalibrated.iter().map(of_set).collect();
+        (!sets.is_empty()).then(|| {
+            format!(
+                "no estimates of contacts with a face that is not calibrated: by the sign of the moment {}; calibrate that face, or correct \
+                 `face` or the sign of the moment",
+                named(&sets, 5)
+            )
+        })
     }
 
     fn on_contacts(&self) -> Option<String> {
@@ -71,7 +89,7 @@ mod tests {
     use crate::plausibility::TimeSteps;
 
     #[test]
-    fn verif_rates_and_contacts_are_one_remark_each() {
+    fn verif_rates_faces_and_contacts_are_one_remark_each() {
         let steps: TimeSteps = (0..100).map(|row| 0.004 * f64::from(row)).collect();
         let finding = steps.contradiction_with(2500.0, None).unwrap();
         let set = |group: &str| SetName { group: group.into(), whisker: "straight".into() };
@@ -83,12 +101,17 @@ mod tests {
                 (set("free"), ContactCount::default()),
             ]
             .into(),
+            uncalibrated: [((set("pin"), Face::Right), 1), ((set("rod"), Face::Right), 2)].into(),
         };
-        let [rates, contacts] = &remarks.lines()[..] else { panic!("{remarks:?}") };
+        let [rates, faces, contacts] = &remarks.lines()[..] else { panic!("{remarks:?}") };
         assert!(
             rates.starts_with("pin_0: rate_hz: found 2500 with")
                 && rates.ends_with("; rate_hz also contradicts the times of pin_1"),
             "{rates}"
+        );
+        assert!(
+            faces.contains(": by the sign of the moment `right` in 1 trace of `pin` with `straight`, `right` in 2 traces of `rod` with"),
+            "{faces}"
         );
         assert!(
             contacts.contains("outside the calibrated domain: 180 of 200 in `outside` with `straight`; "),

@@ -426,3 +426,20 @@ fn robust_a_set_with_contacts_outside_of_the_calibrated_domain_is_remarked() {
     let [remark] = &remarks[..] else { panic!("{remarks:?}") };
     assert!(remark.starts_with("many true contacts lie outside the calibrated domain: "), "{remark}");
 }
+
+#[test]
+fn robust_a_set_that_touches_with_a_face_without_calibration_is_remarked() {
+    let [traces, results] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let dataset = dataset(traces.path());
+    let mut trace = Trace::read(&traces.path().join("pin.csv")).unwrap();
+    trace.recording.instants.iter_mut().for_each(|instant| {
+        instant.moment_z_n_m *= -1.0;
+        instant.rotation_z_rad = None;
+    });
+    trace.sidecar.csv_sha256 = sha256(trace.to_csv());
+    trace.write(traces.path()).unwrap();
+    let remarks = evaluated(&dataset, results.path(), &[]).remarks.lines();
+    let expected = "no estimates of contacts with a face that is not calibrated: by the sign of the moment `right` in 1 trace of `pin` \
+                    with `straight`; calibrate that face, or correct `face` or the sign of the moment";
+    assert_eq!(remarks, [expected]);
+}

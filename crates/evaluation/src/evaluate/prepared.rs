@@ -24,7 +24,7 @@ use super::settings::{EvaluateSettings, OmittedEstimator};
 use super::starts::{self, Starts};
 use crate::distinct::check_distinct;
 use crate::participant::Participant;
-use crate::plausibility::contradicted_rate;
+use crate::plausibility::{Subject, contradicted_rate};
 use crate::remarks::TrialRemarks;
 
 /// A trace to be replayed, without its rows, which are read when it is replayed.
@@ -170,6 +170,12 @@ impl Prepared {
         self.remarks.rates.extend(contradicted_rate(&trace).map(|finding| (sidecar.name.clone(), finding)));
         let touched = calibration.faces(None).iter().find(|face| face.face == sidecar.face);
         let set = SetName { group: sidecar.group.clone(), whisker: whisker.clone() };
+        let touching = Subject::new(&trace, None).touching_face();
+        if let Some(face) =
+            touching.filter(|touching| calibration.faces(None).iter().all(|face| face.face != *touching))
+        {
+            *self.remarks.uncalibrated.entry((set.clone(), face)).or_default() += 1;
+        }
         self.remarks.contacts.entry(set).or_default().add(ContactCount::of(&trace, touched.map(|face| &**face)));
         let mut admitted = trace.moments_n_m();
         let rows = admitted.len();

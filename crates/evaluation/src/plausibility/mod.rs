@@ -18,6 +18,7 @@ mod time;
 use std::fmt;
 
 use trace::{CalibrationFile, Instant, Trace};
+use whisker::sensor::Face;
 
 use crate::glitches;
 
@@ -99,6 +100,11 @@ impl<'a> Subject<'a> {
             }
         }
         findings
+    }
+
+    /// Face to which the sign of the moment belongs in most of the loaded rows. `None` without such rows.
+    pub fn touching_face(&self) -> Option<Face> {
+        moment::touching_face(self).map(|(face, _)| face)
     }
 
     fn instants(&self) -> &'a [Instant] {

@@ -5,6 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::Vector2;
 use trace::{SpatialInstant, SpatialTrace};
 use whisker::Whisker;
+use whisker::sensor::Face;
 
 use super::{Finding, Subject};
 use crate::glitches;
@@ -22,10 +23,10 @@ const SLIGHT: f64 = 10.0;
 const MOST_ROTATION_RAD: f64 = FRAC_PI_2;
 const MOST_STRAIN: f64 = 0.1;
 
-/// Share of the largest moment above which its sign is compared with the face, and share of such rows that may have the
-/// other sign: a released whisker rings.
+/// Share of the largest moment above which its sign shows the face, and share of such rows above which they do: a released whisker
+/// rings.
 const SIGNED: f64 = 0.2;
-const MOST_WRONG: f64 = 0.5;
+const MOST: f64 = 0.5;
 
 pub(super) const THOUSAND_TIMES_LOOK: &str = "the moment looks 1000 times too large (N mm instead of N m?)";
 
@@ -148,25 +149,25 @@ pub(super) fn calibrated(subject: &Subject<'_>) -> Vec<Finding> {
     }]
 }
 
+/// Face to which the sign of the moment belongs in most of the loaded rows, and their share. `None` without such rows.
+pub(super) fn touching_face(subject: &Subject<'_>) -> Option<(Face, f64)> {
+    let (mut rows, mut right) = (0, 0);
+    for row in subject.loaded(SIGNED) {
+        rows += 1;
+        right += usize::from(Face::of_reading(subject.instants()[row].moment_z_n_m) == Face::Right);
+    }
+    let of_faces = [(Face::Left, rows - right), (Face::Right, right)];
+    of_faces.into_iter().map(|(face, of_face)| (face, of_face as f64 / rows as f64)).find(|(_, share)| *share > MOST)
+}
+
 /// Compares the sign of the moment with the face.
 pub(super) fn face(subject: &Subject<'_>) -> Vec<Finding> {
     let face = subject.trace.sidecar.face;
-    let (mut rows, mut wrong) = (0.0, 0.0);
-    for row in subject.loaded(SIGNED) {
-        rows += 1.0;
-        wrong += f64::from(u8::from(face.away_sign() * subject.instants()[row].moment_z_n_m < 0.0));
-    }
-    if wrong <= MOST_WRONG * rows {
-        return Vec::new();
-    }
+    let Some((_, share)) = touching_face(subject).filter(|(touching, _)| *touching != face) else { return Vec::new() };
     let (opposite, expected) = if face.away_sign() > 0.0 { ("negative", "positive") } else { ("positive", "negative") };
     vec![Finding {
         place: "face",
-        found: format!(
-            "`{}` with a {opposite} moment in {:.0} % of the loaded rows",
-            face.name(),
-            100.0 * wrong / rows
-        ),
+        found: format!("`{}` with a {opposite} moment in {:.0} % of the loaded rows", face.name(), 100.0 * share),
         expected: format!("a {expected} moment"),
         looks_like: "the sign of the moment is wrong, or the face is the other one".into(),
     }]
