@@ -247,7 +247,7 @@ def test_val_third_party_listeners_receive_the_contacts_of_a_replay(
     """A third-party client plays a recording by DDS; others listen by DDS and by the Foxglove protocol."""
     name, folder, mapping = TRACE.stem, tmp_path / "recording", tmp_path / "mapping.json"
     output(whisker, "bag", "export", TRACE, "--out", folder)
-    entry = {"name": name, "calibration": str(calibration), "rate_hz": 250, "noise_sd_n_m": 0, "moment": "/moment"}
+    entry = {"name": name, "calibration": str(calibration), "rate_hz": 250, "noise_sd_n_m": 1e-15, "moment": "/moment"}
     mapping.write_text(json.dumps(MAPPING | {"whiskers": [entry]}))
     by_dds, by_foxglove, seen, notes = (tmp_path / file for file in ("dds.csv", "foxglove.csv", "seen.json", "notes"))
     script = f"""

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::event::SECONDS;
+
 /// Number of readings in contact below which their estimates are not judged: an estimator may wait at the beginning of a touch.
 const FEW: u64 = 50;
 
@@ -48,6 +50,8 @@ pub struct Counters {
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
     pub jumps: u64,
+    /// Those of them by about a thousand nominal intervals between readings.
+    pub thousandfold: u64,
     /// Readings half a second or more after the one before, at a nominal rate that implies such steps.
     pub slow: u64,
 }
@@ -88,6 +92,12 @@ impl Counters {
             readings, matched, touching, unanswered, gated, missing, slow, late, repeated, stale, frozen, ..
         } = *self;
         let mut remarks = Vec::new();
+        if 2 * self.thousandfold > readings {
+            remarks.push(format!(
+                "the clocks have jumped {} times by about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}",
+                self.thousandfold
+            ));
+        }
         // Late and repeated poses are counted too.
         let unused = readings.saturating_sub(matched);
         if 2 * unused.min(late + repeated + stale) > readings {
@@ -173,6 +183,10 @@ mod tests {
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
             (Counters { missing: 300, ..good }, "300 readings are missing, 500 arrived"),
             (Counters { slow: 300, ..good }, "300 of 500 readings are 0.5 s or more apart"),
+            (
+                Counters { jumps: 300, thousandfold: 300, ..good },
+                "300 times by about 1000 times the interval of rate_hz",
+            ),
             (Counters { frozen: 20, ..good }, "20 of 500 readings stay the same"),
             (Counters { matched: 200, late: 280, ..good }, "200 of 500 readings were given to the estimator"),
             (

@@ -25,6 +25,9 @@ const INTERVAL_S: f64 = 0.02;
 /// Number of intervals with an implausible speed that are an event: a single wrong pose ends two.
 const FAST_INTERVALS: u64 = 3;
 
+/// Number of jumps by a thousand nominal intervals from which on the times look like milliseconds: one may be a clock that was set.
+const THOUSANDFOLD_JUMPS: u64 = 3;
+
 /// Builds the estimator at the start and after a jump of a clock.
 pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
 
@@ -439,11 +442,13 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
     /// Begins anew after a jump of a clock; waiting readings are dropped.
     fn restart(&mut self, stream: Stream, jump: Jump, out: &mut OutputOf<K>) -> anyhow::Result<()> {
         self.counters.jumps += 1;
+        self.counters.thousandfold += u64::from(self.matching.is_thousandfold(jump));
         self.estimator.end(&mut self.estimates);
         self.release(out);
         let dropped = self.matching.restart();
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
-        out.events.push(Event::Jumped { stream, jump });
+        let in_milliseconds = self.counters.thousandfold >= THOUSANDFOLD_JUMPS;
+        out.events.push(Event::Jumped { stream, jump, in_milliseconds });
         let earlier = std::mem::replace(&mut self.estimator, (self.build)()?);
         self.estimator.keep_rest_reading(&earlier);
         self.start = None;

@@ -12,6 +12,9 @@ pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
 /// Largest plausible rate of rotation of a base (rad/s).
 pub(crate) const MOST_RATE_RAD_S: f64 = 100.0;
 
+/// What to do about times in milliseconds.
+pub(crate) const SECONDS: &str = "state them in seconds";
+
 /// Kind of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
@@ -85,6 +88,8 @@ pub enum Event {
         stream: Stream,
         /// Its jump.
         jump: Jump,
+        /// Whether clocks have jumped several times by what would be the nominal interval in milliseconds.
+        in_milliseconds: bool,
     },
     /// A message has a value that is not finite.
     NotFinite {
@@ -138,8 +143,12 @@ impl fmt::Display for Event {
             ),
             Self::Thawed { t_s } => write!(f, "readings change again, from {t_s} s on"),
             Self::Recovered { t_s } => write!(f, "poses arrive again, from {t_s} s on"),
-            Self::Jumped { stream, jump } => {
-                write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")
+            Self::Jumped { stream, jump, in_milliseconds } => {
+                write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")?;
+                if *in_milliseconds {
+                    write!(f, ". Steps are 1000 times those of rate_hz: the times look like milliseconds; {SECONDS}")?;
+                }
+                Ok(())
             }
             Self::NotFinite { stream, t_s } => write!(
                 f,

@@ -181,6 +181,13 @@ impl<M: Motion, R: Copy> Matching<M, R> {
         self.motion.newest_s().map_or(f64::NEG_INFINITY, |newest_s| newest_s - t_s)
     }
 
+    /// Whether a clock has jumped by about a thousand nominal intervals, as it does from message to message if times are in
+    /// milliseconds.
+    pub(crate) fn is_thousandfold(&self, jump: Jump) -> bool {
+        let step = (jump.to_s - jump.from_s) * self.rate_hz;
+        (1e3 * (1.0 - UNEVEN)..=1e3 * (1.0 + UNEVEN)).contains(&step)
+    }
+
     /// Largest difference of two clocks.
     fn jump_s(&self) -> f64 {
         self.timing.smallest_jump_s(self.rate_hz)

@@ -381,6 +381,19 @@ fn robust_a_jump_of_the_clock_restarts_the_estimator() {
 }
 
 #[test]
+fn robust_times_in_milliseconds_are_named() {
+    let sweep = Sweep::new(1);
+    let mut messages = sweep.messages(&QUIET, 1);
+    messages.iter_mut().for_each(|message| message.t_s *= 1e3);
+    let (_, events, live) = played(sweep.live(ekf(), Timing::default()), &messages);
+    // One such jump may be that of a clock which was set.
+    let named: Vec<bool> = events.iter().take(4).map(|event| event.to_string().contains("milliseconds")).collect();
+    assert_eq!(named, [false, false, true, true], "{events:?}");
+    let remarks = live.counters().remarks();
+    assert!(remarks[0].contains("the times look like milliseconds; state them in seconds"), "{remarks:?}");
+}
+
+#[test]
 fn robust_a_jump_in_a_light_contact_keeps_the_rest_reading() {
     // The whisker is free, touches lightly while the clock jumps, and presses then.
     let base = |t_s: f64| {

@@ -18,7 +18,7 @@ fn robust_wrong_input_gives_one_error() {
     let mapping_text = mapping.to_str().expect("text");
     assert!(error(&[mapping_text]).starts_with(&format!("error: {mapping_text}: ")));
     let whisker =
-        r#"{"name": "w", "calibration": "none.json", "rate_hz": 250, "noise_sd_n_m": 0, "moment": "/moment"}"#;
+        r#"{"name": "w", "calibration": "none.json", "rate_hz": 250, "noise_sd_n_m": 1e-9, "moment": "/moment"}"#;
     for (keys, words) in [
         (r#""whisker": []"#.to_owned(), "unknown field `whisker`"),
         (r#""whiskers": []"#.to_owned(), "whiskers: found 0, expected 1 to 64 whiskers"),

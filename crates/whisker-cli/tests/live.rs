@@ -466,26 +466,30 @@ fn robust_wrong_first_lines_and_options_end_with_one_error() {
     let two = format!("right={calibration}");
     fails(
         &live,
-        "{\"protocol\": 2, \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",
+        "{\"protocol\": 2, \"rate_hz\": 250, \"noise_sd_n_m\": 1e-9}\n",
         &["stdin: line 1", "protocol: found 2, expected 1"],
     );
-    fails(&live, "{\"protocol\": 1, \"rate_hz\": 0, \"noise_sd_n_m\": 0}\n", &["rate_hz: found 0, expected"]);
-    for noise in ["-1", "1"] {
+    fails(&live, "{\"protocol\": 2, \"rate_hz\": 250}\n", &["stdin: line 1", "protocol: found 2, expected 1"]);
+    fails(&live, "{\"protocol\": 1, \"rate_hz\": 0, \"noise_sd_n_m\": 1e-9}\n", &["rate_hz: found 0, expected"]);
+    for noise in ["-1", "0", "1"] {
         let prior = format!("{{\"protocol\": 1, \"rate_hz\": 250, \"noise_sd_n_m\": {noise}}}\n");
         fails(
             &live,
             &prior,
-            &[&format!("noise_sd_n_m: found {noise}, expected 0 to"), "largest reading of the calibration"],
+            &[
+                &format!("noise_sd_n_m: found {noise}, expected more than 0, at most"),
+                "largest reading of the calibration",
+            ],
         );
     }
     fails(
         &live,
-        "{\"protocol\": 1, \"name\": \"left\", \"rate_hz\": 250, \"noise_sd_n_m\": 0}\n",
+        "{\"protocol\": 1, \"name\": \"left\", \"rate_hz\": 250, \"noise_sd_n_m\": 1e-9}\n",
         &["found the name `left`"],
     );
-    let no_protocol = fed_text(&live, "{\"rate_hz\": 250, \"noise_sd_n_m\": 0}\n");
+    let no_protocol = fed_text(&live, "{\"rate_hz\": 250, \"noise_sd_n_m\": 1e-9}\n");
     assert!(text(&no_protocol.stderr).contains("missing field `protocol`"), "{}", text(&no_protocol.stderr));
-    let told = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 0, "told": {"contact_x_m": 0.05, "contact_y_m": 0, "sd_m": 0}}"#;
+    let told = r#"{"protocol": 1, "rate_hz": 250, "noise_sd_n_m": 1e-9, "told": {"contact_x_m": 0.05, "contact_y_m": 0, "sd_m": 0}}"#;
     fails(&live, told, &["told: ", "a positive sd_m"]);
     fails(&["live"], "", &["--calibration"]);
     fails(&[&live[..], &["--calibration", &two]].concat(), "", &["expected NAME="]);

@@ -120,7 +120,8 @@ fn whiskers<T: Method>(options: &[String]) -> anyhow::Result<Vec<Whisker<T>>> {
 
 /// Checks the settings with every calibration, so that errors in them do not wait for the first line.
 fn check<T: Method>(method: &T, whiskers: &[Whisker<T>], timing: Timing) -> anyhow::Result<()> {
-    let first = json!({"protocol": T::PROTOCOL, "rate_hz": 250, "noise_sd_n_m": 0}).to_string();
+    // Less noise than any sensor has, so that it does not exceed the largest reading of any calibration.
+    let first = json!({"protocol": T::PROTOCOL, "rate_hz": 250, "noise_sd_n_m": 1e-12}).to_string();
     let Ok(Line::Prior(prior)) = T::parse(&first) else { bail!("found no first line in `{first}`") };
     for whisker in whiskers {
         method.begin(&whisker.calibration, &whisker.path, &prior, timing)?;

@@ -54,6 +54,8 @@ impl Method for InPlane {
         prior: &PriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
+        let largest_n_m = calibration.largest_reading_n_m();
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, largest_n_m)?;
         let sensor = CountsOf::sensor(calibration, path, prior)?;
         let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
         let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
@@ -63,8 +65,6 @@ impl Method for InPlane {
                 path.display()
             )
         })?;
-        let largest_n_m = calibration.largest_reading_n_m();
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, largest_n_m)?;
         let whisker = &calibration.whisker;
         if let Some(difference) = prior.whisker.as_ref().and_then(|stated| stated.difference(whisker)) {
             bail!("whisker.{difference}, as in {}", path.display());

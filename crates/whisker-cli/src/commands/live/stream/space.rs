@@ -61,6 +61,7 @@ impl Method for OfSpace {
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, file.largest_reading_n_m)?;
         let of_sensor = file.sensor.map(|sensor| sensor.noise_sd_n_m);
         let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
             format!(
@@ -69,7 +70,6 @@ impl Method for OfSpace {
                 path.display()
             )
         })?;
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, file.largest_reading_n_m)?;
         check_counts(prior.zeroing_s, prior.modulo)?;
         let for_counts = [("zeroing_s", prior.zeroing_s), ("modulo", prior.modulo)];
         if let Some((key, _)) = for_counts.iter().find(|(_, stated)| stated.is_some() && file.sensor.is_none()) {
