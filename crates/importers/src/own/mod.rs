@@ -50,6 +50,8 @@ pub(crate) struct Agreement {
     /// Number of contacts, and of those to which the whisker does not reach.
     contacts: usize,
     unreached: usize,
+    /// Number of further contacts that are left out, since their readings are far too small.
+    weak: usize,
 }
 
 impl Agreement {
@@ -68,9 +70,16 @@ impl Agreement {
             0 => String::new(),
             unreached => format!("; the whisker does not reach {unreached} of {} contacts", self.contacts),
         };
+        let weak = match self.weak {
+            0 => String::new(),
+            weak => format!(
+                "; {weak} of {} rows whose readings are those of a touch are left out, since these are far smaller than those of {model}",
+                self.contacts + weak
+            ),
+        };
         let text = format!(
             "the readings of the calibration deviate by {:.1} % (RMS) from those of {model} through the known \
-             contacts{advice}{unreached}",
+             contacts{advice}{unreached}{weak}",
             100.0 * self.residual
         );
         Remark { text, is_warning }

@@ -33,7 +33,8 @@ impl Known {
     /// Remark about the agreement of the calibration with the elastica. `residual` is the RMS of the residuals over that of the
     /// readings.
     fn remark(&self, residual: f64) -> Remark {
-        let agreement = Agreement { residual, contacts: self.contacts, unreached: self.contacts - self.pairs.len() };
+        let unreached = self.contacts - self.pairs.len();
+        let agreement = Agreement { residual, contacts: self.contacts, unreached, weak: 0 };
         agreement.remark(
             "the elastica",
             "",

@@ -59,8 +59,9 @@ impl Sampled<'_, Space> {
     }
 
     /// Contacts of all rows. The side of a pin is that which agrees with the readings, if the response of the sensor to the moments of
-    /// the rod is known. Contacts whose readings are far too small for the deflection are then left out: a free whisker that oscillates,
-    /// or whose base is accelerated, has the reading of a light touch wherever the pin is.
+    /// the rod is known. Contacts whose readings are far too small for the deflection are then left out, unless the recording states
+    /// that the whisker touches: a free whisker that oscillates, or whose base is accelerated, has the reading of a light touch wherever
+    /// the pin is.
     pub(super) fn contacts(
         &self,
         mechanics: &Mechanics,
@@ -76,7 +77,8 @@ impl Sampled<'_, Space> {
         let places: Vec<Option<Vector3<f64>>> = (0..rows).map(place_in_base).collect();
         let is_weak = |row: usize, moment_n_m: Vector2<f64>| {
             let most = WEAK * self.distance_from_rest(row).max(touch);
-            response.is_some_and(|response| response.counts(moment_n_m).norm() > most)
+            let is_stated = self.touching[row] == Some(true);
+            !is_stated && response.is_some_and(|response| response.counts(moment_n_m).norm() > most)
         };
         let Some((axis, radius_m)) = self.entry.contact.as_ref().and_then(|of| Some((of.axis()?, of.radius_m())))
         else {

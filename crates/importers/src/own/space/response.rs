@@ -27,12 +27,16 @@ pub(super) struct Fitted {
     /// Number of contacts of the calibration that the readings do not contradict, and of those to which the whisker does not reach.
     pub(super) contacts: usize,
     pub(super) unreached: usize,
+    /// Number of rows of the calibration whose readings are far too small for their contact.
+    pub(super) weak: usize,
 }
 
 /// Known contacts of a calibration.
 struct Known {
     /// Number of contacts, without those that the readings contradict.
     contacts: usize,
+    /// Number of rows whose readings are far too small for their contact.
+    weak: usize,
     /// Moments of the rod (N m) and readings relative to rest, both 2x1, of the contacts to which the whisker reaches.
     pairs: Vec<(Vector2<f64>, Vector2<f64>)>,
 }
@@ -55,17 +59,17 @@ impl Fitted {
         let response = known.rough().ok_or_else(|| known.undetermined(path))?;
         let known = Known::new(calibration, mechanics, touch, Some(&response));
         let response = BendingResponse::fit(&known.pairs).ok_or_else(|| known.undetermined(path))?;
-        let Known { contacts, pairs } = known;
+        let Known { contacts, weak, pairs } = known;
         let residual_counts = response.residual_counts(&pairs);
         let squares: f64 = pairs.iter().map(|(_, counts)| counts.norm_squared()).sum();
         let residual = residual_counts.norm() / (squares / pairs.len() as f64).sqrt();
-        Ok(Self { response, residual_counts, residual, contacts, unreached: contacts - pairs.len() })
+        Ok(Self { response, residual_counts, residual, contacts, unreached: contacts - pairs.len(), weak })
     }
 
     /// Remark about the agreement of the calibration with the rod.
     pub(super) fn remark(&self) -> Remark {
-        let Self { residual, contacts, unreached, .. } = *self;
-        Agreement { residual, contacts, unreached }.remark(
+        let Self { residual, contacts, unreached, weak, .. } = *self;
+        Agreement { residual, contacts, unreached, weak }.remark(
             "the rod",
             " unless the sensor is nonlinear",
             "compare `whisker`, `base` and `contact` of the mapping with the recordings, look for saturated, drifting or delayed \
@@ -82,14 +86,15 @@ impl Known {
         touch: f64,
         response: Option<&BendingResponse>,
     ) -> Self {
-        let (mut contacts, mut pairs) = (0, Vec::new());
+        let (mut contacts, mut weak, mut pairs) = (0, 0, Vec::new());
         for recording in calibration {
             for (row, contact) in recording.contacts(mechanics, touch, response).into_iter().enumerate() {
+                weak += usize::from(contact == Contact::Weak);
                 contacts += usize::from(!matches!(contact, Contact::Unknown | Contact::Weak));
                 pairs.extend(contact.moment_n_m(mechanics).map(|moment_n_m| (moment_n_m, recording.counts(row))));
             }
         }
-        Self { contacts, pairs }
+        Self { contacts, weak, pairs }
     }
 
     /// Inverse of the linear fit of the moments to the readings. The small readings of a free whisker have little leverage in it. `None` if the contacts do not determine it.
@@ -99,10 +104,19 @@ impl Known {
     }
 
     fn undetermined(&self, path: &Path) -> Error {
-        let Self { contacts, pairs } = self;
-        let found =
+        let Self { contacts, weak, pairs } = self;
+        let mut found =
             format!("none, and {} of {contacts} contacts of the calibration within reach of the whisker", pairs.len());
-        let cause = if pairs.is_empty() { "; compare units and `base` of the mapping" } else { "" };
+        if *weak > 0 {
+            found += &format!(", beside {weak} whose readings are far smaller than those of the rod");
+        }
+        let cause = match (pairs.is_empty(), *weak) {
+            (true, 0) => "; compare units and `base` of the mapping",
+            (_, 0) => "",
+            _ => {
+                "; compare `whisker`, `base` and `contact` of the mapping, and raise `touch` if the whisker oscillates while it is free"
+            }
+        };
         let expected = format!(
             "contacts from several directions about the whisker, which determine the response to both bending moments, or a \
              stated response{cause}"
@@ -134,4 +148,27 @@ pub(super) fn scale(
         sum >= half
     });
     median.map_or(1.0, |(ratio, _)| *ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robust_contacts_that_are_left_out_are_stated_in_the_error() {
+        let error = |contacts, weak| Known { contacts, weak, pairs: Vec::new() }.undetermined(Path::new("import.json"));
+        let (unreached, weak) = (error(7, 0).to_string(), error(0, 12).to_string());
+        assert!(
+            unreached
+                .contains("found none, and 0 of 7 contacts of the calibration within reach of the whisker, expected")
+                && unreached.ends_with("; compare units and `base` of the mapping"),
+            "{unreached}"
+        );
+        assert!(
+            weak.contains(
+                "within reach of the whisker, beside 12 whose readings are far smaller than those of the rod, expected"
+            ) && weak.ends_with("raise `touch` if the whisker oscillates while it is free"),
+            "{weak}"
+        );
+    }
 }
