@@ -372,7 +372,8 @@ fn regress_shares_of_a_program_that_imports_a_changed_file_are_computed_again_wi
     bench.good(FIT);
     fs::write(bench.path("program.sh"), ". ./imported.sh\n").unwrap();
     let evaluate = |name: &str, options: &[&str]| {
-        let mut command = bench.command(&format!("evaluate datasets/mine --estimators ekf --seeds 2 --name {name}"));
+        // Two items.
+        let mut command = bench.command(&format!("evaluate datasets/mine --estimators ekf --seeds 12 --name {name}"));
         let output = command.args(["--exec", "sh program.sh"]).args(options).output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).unwrap()
@@ -404,6 +405,20 @@ fn regress_shares_of_a_program_that_imports_a_changed_file_are_computed_again_wi
     version(5);
     evaluate("run", &["--share", first, "--force"]);
     assert_eq!(starts(&bench), once);
+    // Nor is it while the shares that replace it are resumed.
+    version(6);
+    evaluate("run", &["--share", "2/2"]);
+    let second = starts(&bench);
+    assert!(second > 0);
+    version(7);
+    evaluate("run", &["--share", first]);
+    evaluate("run", &["--force"]);
+    assert_eq!(starts(&bench), 0, "resumed shares are merged");
+    // Shares without --force may have kept earlier items.
+    evaluate("other", &["--share", first]);
+    version(8);
+    evaluate("other", &["--force"]);
+    assert_eq!(starts(&bench), once + second);
 }
 
 #[test]

@@ -91,8 +91,8 @@ pub fn evaluate(
 
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
     let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
-    // Items of shares are kept: each share with `force` has discarded its own.
-    if settings.renews_items() && !shards.are_shared() {
+    // Shares that compute all items again have discarded the earlier ones.
+    if settings.renews_items() && !shards.are_renewed() {
         Shards::remove(part.path())?;
     }
     Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() }
@@ -114,7 +114,8 @@ pub fn evaluate(
 
 /// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.
 /// Several processes may run shares at the same time, on one machine or on several with a common file system. A share of
-/// programs that are to be evaluated in any case computes all its items again, and leaves those of the other shares.
+/// programs that are to be evaluated in any case computes all its items again, and leaves those of the other such shares. It may be
+/// resumed by a share that is not, also beside a finished run.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -127,20 +128,21 @@ pub fn evaluate_share(
     let folder = settings.target()?;
     let prepared = Prepared::new(datasets, settings)?;
     let run = prepared.run(settings)?;
-    if up_to_date(&prepared, settings, &folder, &run).is_some() {
+    let shards = Shards::in_run(&PartFolder::place(&folder, &run.watermark.inputs_sha256));
+    if !shards.are_renewed() && up_to_date(&prepared, settings, &folder, &run).is_some() {
         return Ok(());
     }
     if !settings.force {
         check_replaceable(&folder, &run)?;
     }
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;
-    let (plan, shards) = (prepared.plan(settings), Shards::in_run(part.path()));
+    let plan = prepared.plan(settings);
     if settings.renews_items() {
-        // Until a share has marked the folder, all items are those of an evaluation without shares.
-        let is_stale = |item: &usize| share.has(*item) || !shards.are_shared();
+        // Until such a share has marked the folder, all items are earlier ones.
+        let is_stale = |item: &usize| share.has(*item) || !shards.are_renewed();
         (0..plan.items.len()).filter(is_stale).try_for_each(|item| shards.remove_item(item))?;
+        shards.mark_renewed()?;
     }
-    shards.mark_shared()?;
     let batch = Batch { prepared: &prepared, settings, plan: &plan, shards: &shards, folder: part.path() };
     batch.finish(Some(share), progress)
 }

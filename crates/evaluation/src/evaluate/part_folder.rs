@@ -37,9 +37,14 @@ impl<'a> PartFolder<'a> {
     /// # Errors
     /// If the folder cannot be created.
     pub(crate) fn open(folder: &'a Path, inputs_sha256: &str) -> anyhow::Result<Self> {
-        let part = beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]));
+        let part = Self::place(folder, inputs_sha256);
         fs::create_dir_all(&part).with_context(|| part.display().to_string())?;
         Ok(Self { part, folder })
+    }
+
+    /// Path of the folder beside `folder` for a run from inputs with this hash, also if there is none.
+    pub(crate) fn place(folder: &Path, inputs_sha256: &str) -> PathBuf {
+        beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]))
     }
 
     /// Path of the folder.

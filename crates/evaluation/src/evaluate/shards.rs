@@ -13,8 +13,8 @@ use super::tables::OverTime;
 
 /// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
-/// File beside the shards that marks them as written by shares.
-const SHARED: &str = "shared";
+/// File beside the shards that marks them as computed again by shares.
+const RENEWED: &str = "renewed";
 
 /// Results of an item: one entry per trial and seed, in the order of the scene's traces, then of the seeds.
 pub(super) type Shard = Vec<TrialResults>;
@@ -90,17 +90,17 @@ impl Shards {
         postcard::from_bytes(body).with_context(|| path.display().to_string())
     }
 
-    /// Marks them as those of shares, which are merged later.
+    /// Marks them as those of shares that compute all items again, and are merged later.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub(super) fn mark_shared(&self) -> anyhow::Result<()> {
-        Ok(write_atomically(&self.0.join(SHARED), b"")?)
+    pub(super) fn mark_renewed(&self) -> anyhow::Result<()> {
+        Ok(write_atomically(&self.0.join(RENEWED), b"")?)
     }
 
-    /// Whether shares wrote them.
-    pub(super) fn are_shared(&self) -> bool {
-        self.0.join(SHARED).is_file()
+    /// Whether shares compute all items again, so that those that are there are new.
+    pub(super) fn are_renewed(&self) -> bool {
+        self.0.join(RENEWED).is_file()
     }
 
     /// Removes the results of an item, if there are any.
