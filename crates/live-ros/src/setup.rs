@@ -170,8 +170,9 @@ impl<'a, R> Common<'a, R> {
     }
 
     /// Checks the stated noise of a whisker, see [`check_noise`].
-    fn check_noise(&self, index: usize, largest_n_m: f64) -> Result<(), Error> {
-        check_noise(self.mapping.whiskers[index].noise_sd_n_m, largest_n_m).map_err(|(found, expected)| {
+    fn check_noise(&self, index: usize, of_sensor: Option<f64>, largest_n_m: f64) -> Result<(), Error> {
+        let stated = self.mapping.whiskers[index].noise_sd_n_m;
+        check_noise(stated, of_sensor, largest_n_m).map_err(|(found, expected)| {
             Error::value(self.path, format!("whiskers[{index}].noise_sd_n_m"), found, expected)
         })
     }
@@ -199,7 +200,7 @@ impl Common<'_, SpatialEstimatorRow> {
         let sensor = calibration.sensor;
         let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
         let noise_sd_n_m = noise_n_m(entry.noise_sd_n_m, of_sensor).ok_or_else(|| self.no_noise(index))?;
-        self.check_noise(index, calibration.largest_reading_n_m)?;
+        self.check_noise(index, of_sensor, calibration.largest_reading_n_m)?;
         let timing = self.mapping.timing;
         let counts = entry.counts.as_ref().map(|counts| {
             let sensor = sensor.ok_or_else(|| {
@@ -237,13 +238,13 @@ impl Common<'_, EstimatorRow> {
         if entry.moment.is_some() && calibration.front_end.is_some() {
             return Err(self.no_moments(index, "counts, or a calibration of moments").into());
         }
-        self.check_noise(index, calibration.largest_reading_n_m())?;
+        let of_sensor = sensor.as_ref().map(|sensor| sensor.noise_sd_n_m);
+        self.check_noise(index, of_sensor, calibration.largest_reading_n_m())?;
         let knowledge = Arc::new(Knowledge {
             whisker: calibration.whisker.clone(),
             rest: calibration.whisker.rest_shape(),
             faces: read_by(sensor.as_ref(), &calibration.calibrated(&file, self.row.sensor_model)?),
-            noise_sd_n_m: noise_n_m(entry.noise_sd_n_m, sensor.as_ref().map(|sensor| sensor.noise_sd_n_m))
-                .ok_or_else(|| self.no_noise(index))?,
+            noise_sd_n_m: noise_n_m(entry.noise_sd_n_m, of_sensor).ok_or_else(|| self.no_noise(index))?,
             base_noise: Default::default(),
             rate_hz: entry.rate_hz,
             contact_prior: None,

@@ -685,7 +685,7 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
     let nested = format!("<robot name=\"a\">{}{}</robot>", "<a>".repeat(200_000), "</a>".repeat(200_000));
     fs::write(&deep, nested).expect("written");
     type Change<'a> = &'a dyn Fn(&mut Value);
-    let cases: [(Change<'_>, &str); 16] = [
+    let cases: [(Change<'_>, &str); 17] = [
         (&|of| of["kind"] = json!("suite"), "kind: found suite, expected contact_mapping"),
         (&|of| of["format"] = json!(2), "format: found 2, expected 1"),
         (&|of| of["estimators"] = json!("ekf"), "unknown field `estimators`"),
@@ -698,7 +698,14 @@ fn robust_wrong_mappings_give_one_error_with_the_place() {
             "whiskers[0].moment: found `moment`, expected an absolute name",
         ),
         (&|of| of["whiskers"][0]["noise_sd_n_m"] = Value::Null, "whiskers[0].noise_sd_n_m: found none"),
-        (&|of| of["whiskers"][0]["noise_sd_n_m"] = json!(0.5), "whiskers[0].noise_sd_n_m: found 0.5, expected 0 to "),
+        (
+            &|of| of["whiskers"][0]["noise_sd_n_m"] = json!(0.5),
+            "whiskers[0].noise_sd_n_m: found 0.5, expected more than 0",
+        ),
+        (
+            &|of| of["whiskers"][0]["noise_sd_n_m"] = json!(0),
+            "whiskers[0].noise_sd_n_m: found 0, expected more than 0, at most ",
+        ),
         (&|of| of["whiskers"][0]["rate_hz"] = json!(0), "whiskers[0].rate_hz: found 0, expected 0.001 to 1000000"),
         (&|of| of["plane"] = json!({"tilt_rad": -1}), "plane.tilt_rad: found -1, expected 0 to 0.5"),
         (&|of| of["timing"] = json!({"wait_s": 60}), "timing: found wait: found 60 s"),

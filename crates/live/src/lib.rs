@@ -121,13 +121,16 @@ pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {
     }
 }
 
-/// Checks that the standard deviation of the noise that is stated for a stream, if there is one, is above zero, and at most the
-/// largest calibrated reading: without noise, a filter becomes certain of a wrong contact; with more, no reading would be informative.
+/// Checks the standard deviation of the noise that is stated for a stream, if there is one: at most the largest calibrated reading,
+/// with more no reading would be informative; and above zero unless the sensor's own is, since a filter without noise becomes certain
+/// of a wrong contact.
 ///
 /// # Errors
 /// The text found and the text expected.
-pub fn check_noise(stated_n_m: Option<f64>, largest_n_m: f64) -> Result<(), (String, String)> {
-    match stated_n_m.filter(|sd_n_m| !(*sd_n_m > 0.0 && *sd_n_m <= largest_n_m)) {
+pub fn check_noise(stated: Option<f64>, of_sensor: Option<f64>, largest_n_m: f64) -> Result<(), (String, String)> {
+    let is_known = of_sensor.is_some_and(|sd_n_m| sd_n_m > 0.0);
+    let is_valid = |sd_n_m: f64| (sd_n_m > 0.0 || sd_n_m == 0.0 && is_known) && sd_n_m <= largest_n_m;
+    match stated.filter(|sd_n_m| !is_valid(*sd_n_m)) {
         None => Ok(()),
         Some(sd_n_m) => {
             let expected =
@@ -143,12 +146,12 @@ mod tests {
 
     #[test]
     fn robust_stated_noise_is_above_zero_and_at_most_the_largest_calibrated_reading() {
-        for stated_n_m in [None, Some(1e-9), Some(0.02)] {
-            assert_eq!(check_noise(stated_n_m, 0.02), Ok(()));
+        for (stated_n_m, of_sensor) in [(None, None), (Some(1e-9), None), (Some(0.02), None), (Some(0.0), Some(1e-9))] {
+            assert_eq!(check_noise(stated_n_m, of_sensor, 0.02), Ok(()));
         }
         for (stated_n_m, found) in [(-1.0, "-1"), (0.0, "0"), (0.5, "0.5"), (f64::NAN, "NaN")] {
             let expected = "more than 0, at most 2.000e-2 N m, the largest reading of the calibration";
-            assert_eq!(check_noise(Some(stated_n_m), 0.02), Err((found.into(), expected.into())));
+            assert_eq!(check_noise(Some(stated_n_m), Some(0.0), 0.02), Err((found.into(), expected.into())));
         }
     }
 

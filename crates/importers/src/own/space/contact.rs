@@ -59,9 +59,9 @@ impl Sampled<'_, Space> {
     }
 
     /// Contacts of all rows. The side of a pin is that which agrees with the readings, if the response of the sensor to the moments of
-    /// the rod is known. Contacts whose readings are far too small for the deflection are then left out, unless the recording states
-    /// that the whisker touches: a free whisker that oscillates, or whose base is accelerated, has the reading of a light touch wherever
-    /// the pin is.
+    /// the rod is known. Contacts whose readings are far too small for the deflection are then left out, unless the recording
+    /// states that the whisker touches: a free whisker that oscillates, or whose base is accelerated, has the reading of a light
+    /// touch wherever the pin is.
     pub(super) fn contacts(
         &self,
         mechanics: &Mechanics,

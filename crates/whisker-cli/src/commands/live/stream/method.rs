@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use live::counts::{MODULI, ZEROINGS_S};
 use live::wire::{BadLine, Line, SampleLine};
-use live::{Answer, Kind, LiveEstimator, Motion, Timing, check_noise};
+use live::{Answer, Kind, LiveEstimator, Motion, Timing};
 use strict_json::shown_number;
 use testbed::protocol::space::SPATIAL_PROTOCOL;
 use trace::RATES_HZ;
@@ -75,13 +75,8 @@ pub(super) enum Taken<R> {
 /// Answer of a kind of estimator.
 pub(super) type Answered<K> = Answer<<K as Kind>::Reading, <K as Kind>::Base, <K as Kind>::Estimate>;
 
-/// Checks what the first lines of both protocols have in common. `largest_n_m` is the largest calibrated reading.
-pub(super) fn check_prior(
-    protocol: (u32, u32),
-    rate_hz: f64,
-    noise_sd_n_m: Option<f64>,
-    largest_n_m: f64,
-) -> anyhow::Result<()> {
+/// Checks what the first lines of both protocols have in common.
+pub(super) fn check_prior(protocol: (u32, u32), rate_hz: f64) -> anyhow::Result<()> {
     let (found, expected) = protocol;
     if found != expected {
         let kind = if expected == SPATIAL_PROTOCOL { "in space" } else { "in the plane" };
@@ -91,10 +86,13 @@ pub(super) fn check_prior(
     if !(least..=most).contains(&rate_hz) {
         bail!("rate_hz: found {}, expected {least} to {most}", shown_number(rate_hz));
     }
-    if let Err((found, expected)) = check_noise(noise_sd_n_m, largest_n_m) {
-        bail!("noise_sd_n_m: found {found}, expected {expected}");
-    }
     Ok(())
+}
+
+/// As [`live::check_noise`], of the noise that a first line states.
+pub(super) fn check_noise(stated: Option<f64>, of_sensor: Option<f64>, largest_n_m: f64) -> anyhow::Result<()> {
+    live::check_noise(stated, of_sensor, largest_n_m)
+        .map_err(|(found, expected)| anyhow!("noise_sd_n_m: found {found}, expected {expected}"))
 }
 
 /// Checks the settings of counts in the first lines of both protocols.

@@ -15,7 +15,7 @@ use trace::{CalibrationFile, SensorFile};
 use whisker::estimators::{Estimator, EstimatorRow, Knowledge, MethodClass, Runner};
 use whisker::events::TouchConfig;
 
-use super::method::{Begun, Method, Taken, check_counts, check_prior};
+use super::method::{Begun, Method, Taken, check_counts, check_noise, check_prior};
 use crate::commands::live::sink::ZEROING;
 use crate::commands::played::read_calibration;
 
@@ -55,9 +55,10 @@ impl Method for InPlane {
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
         let largest_n_m = calibration.largest_reading_n_m();
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, largest_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz)?;
         let sensor = CountsOf::sensor(calibration, path, prior)?;
         let of_sensor = sensor.map(|sensor| sensor.noise_sd_n_m);
+        check_noise(prior.noise_sd_n_m, of_sensor, largest_n_m)?;
         let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
             format!(
                 "noise_sd_n_m: found none, expected the standard deviation of the noise: the first line names no sensor of {}, \

@@ -15,7 +15,7 @@ use trace::{BendingSensor, SpatialCalibrationFile};
 use whisker::space::estimators::{Knowledge as SpatialKnowledge, SpatialEstimatorRow};
 use whisker::space::sensor::CalibratedSpace;
 
-use super::method::{Begun, Method, Taken, check_counts, check_prior};
+use super::method::{Begun, Method, Taken, check_counts, check_noise, check_prior};
 use crate::commands::live::sink::ZEROING;
 
 /// A calibration in space and its tabulated sensor model.
@@ -61,8 +61,9 @@ impl Method for OfSpace {
         prior: &SpatialPriorLine,
         timing: Timing,
     ) -> anyhow::Result<Begun<Self>> {
-        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz, prior.noise_sd_n_m, file.largest_reading_n_m)?;
+        check_prior((prior.protocol, Self::PROTOCOL), prior.rate_hz)?;
         let of_sensor = file.sensor.map(|sensor| sensor.noise_sd_n_m);
+        check_noise(prior.noise_sd_n_m, of_sensor, file.largest_reading_n_m)?;
         let noise_sd_n_m = noise_n_m(prior.noise_sd_n_m, of_sensor).with_context(|| {
             format!(
                 "noise_sd_n_m: found none, expected the standard deviation of the noise (N m), since the calibration {} has no \
