@@ -80,7 +80,7 @@ golden:
 reproduce *arguments:
     @cargo xtask reproduce "$@"
 
-# Measure the certainty on random scenes, of inexact calibrations and in contacts with friction: four folders of results/reference/
+# Measure the reliability of the stated covariances on random scenes, with inexact calibrations and with friction: certainty/, contacts/, quantities/ and yielding/ in results/reference/
 random *arguments:
     @cargo xtask random "$@"
 

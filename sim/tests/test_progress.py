@@ -33,7 +33,7 @@ def test_verif_the_time_left_is_estimated_before_the_first_item_is_finished(cloc
 
 
 def test_verif_no_time_is_estimated_while_workers_start(clock, capsys):
-    """A small share of the work that follows a long start says nothing about the speed: the estimate waits for ten seconds."""
+    """A small finished share after a long start does not determine the speed: the estimate waits for ten seconds."""
     shown = Progress("simulate", "trace", 4)
     shown.start(shares := [0.01, 0.0, 0.0, 0.0])
     clock[0] = 2.0

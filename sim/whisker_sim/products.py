@@ -104,7 +104,7 @@ BOUNDS = {
         "penetration_worst_m": 10e-6,
     },
 }
-"""Bounds of the figures of certificates by the format of the trace, as `whisker check` holds them."""
+"""Bounds of the values of certificates, by the format of the trace; those of `whisker check`."""
 
 _MOST_NAMED = 10
 
@@ -224,7 +224,7 @@ def _outcome(run: Run, work: Callable[[], str]) -> Outcome:
 
 
 def notes_on_accuracy(items: Items) -> list[str]:
-    """For each folder with traces of `items` whose certificates exceed a bound, one line for the user that names them."""
+    """Notes that name the traces of `items` whose certificates exceed a bound, one per folder."""
     inaccurate: dict[Path, list[str]] = {}
     for folder, run in items:
         for name in run.scene.names(run.name):
@@ -237,7 +237,7 @@ def notes_on_accuracy(items: Items) -> list[str]:
 
 
 def _exceeds_a_bound(path: Path) -> bool:
-    """Whether a sidecar states a certificate with a figure above its bound.
+    """Whether a sidecar states a certificate with a value above its bound.
 
     The description of a recording of several whiskers has no certificate; a trace that failed may have no valid sidecar.
     """

@@ -18,7 +18,7 @@ pub struct TrialRemarks {
     pub rates: Vec<(String, Finding)>,
     /// Number of true contacts of each set, and of those outside the calibrated domain.
     pub contacts: BTreeMap<SetName, ContactCount>,
-    /// Number of traces of each set that touch, by the sign of their moments, with a face that is not calibrated.
+    /// Number of traces of each set in which the sign of the moment is that of a face that is not calibrated, by set and face.
     pub uncalibrated: BTreeMap<(SetName, Face), usize>,
 }
 
@@ -47,7 +47,7 @@ impl TrialRemarks {
         let sets: Vec<String> = self.uncalibrated.iter().map(of_set).collect();
         (!sets.is_empty()).then(|| {
             format!(
-                "no estimates of contacts with a face that is not calibrated: by the sign of the moment {}; calibrate that face, or correct \
+                "contacts with a face that is not calibrated have no estimate: the sign of the moment is that of {}; calibrate that face, or correct \
                  `face` or the sign of the moment",
                 named(&sets, 5)
             )
@@ -110,7 +110,7 @@ mod tests {
             "{rates}"
         );
         assert!(
-            faces.contains(": by the sign of the moment `right` in 1 trace of `pin` with `straight`, `right` in 2 traces of `rod` with"),
+            faces.contains(": the sign of the moment is that of `right` in 1 trace of `pin` with `straight`, `right` in 2 traces of `rod` with"),
             "{faces}"
         );
         assert!(

@@ -439,7 +439,7 @@ fn robust_a_set_that_touches_with_a_face_without_calibration_is_remarked() {
     trace.sidecar.csv_sha256 = sha256(trace.to_csv());
     trace.write(traces.path()).unwrap();
     let remarks = evaluated(&dataset, results.path(), &[]).remarks.lines();
-    let expected = "no estimates of contacts with a face that is not calibrated: by the sign of the moment `right` in 1 trace of `pin` \
+    let expected = "contacts with a face that is not calibrated have no estimate: the sign of the moment is that of `right` in 1 trace of `pin` \
                     with `straight`; calibrate that face, or correct `face` or the sign of the moment";
     assert_eq!(remarks, [expected]);
 }

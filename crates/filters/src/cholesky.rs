@@ -19,7 +19,7 @@ pub fn cholesky(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
     vectorised!(factorise(values, size)).then(|| Cholesky::pack_dirty(matrix))
 }
 
-/// Largest matrix that is not divided into blocks: the time of smaller products is that of their copies.
+/// Largest number of rows of a matrix that is not divided into blocks: smaller products would spend most of their time on copies.
 const UNDIVIDED: usize = 64;
 
 /// Inverse of a symmetric matrix, of which only the lower triangle is read. `None` unless it is positive definite. Most of the work
@@ -34,8 +34,9 @@ pub fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(inverse_factor.transpose() * inverse_factor)
 }
 
-/// Inverse of the lower triangular Cholesky factor. For the blocks `A` and `D` on the diagonal and `B` below it, the factor consists
-/// of that of `A`, of `C = B L_A^-T`, and of that of `D - C C'`.
+/// Inverse of the lower triangular Cholesky factor. If the matrix has the blocks `A` and `D` on the diagonal and `B` below it, the
+/// factor has the blocks `L_A` and `L_S` on the diagonal and `C = B L_A^-T` below it. `L_A` is the factor of `A`, and `L_S` that of
+/// `S = D - C C^T`.
 fn inverse_factor(matrix: DMatrixView<'_, f64>) -> Option<DMatrix<f64>> {
     let size = matrix.nrows();
     if size <= UNDIVIDED {

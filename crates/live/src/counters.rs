@@ -50,7 +50,7 @@ pub struct Counters {
     pub not_finite: u64,
     /// Jumps of a clock, each with a restart of the estimator.
     pub jumps: u64,
-    /// Those of them by about a thousand nominal intervals between readings.
+    /// Jumps by about a thousand nominal intervals between readings; `jumps` includes them.
     pub thousandfold: u64,
     /// Readings half a second or more after the one before, at a nominal rate that implies such steps.
     pub slow: u64,
@@ -94,7 +94,7 @@ impl Counters {
         let mut remarks = Vec::new();
         if 2 * self.thousandfold > readings {
             remarks.push(format!(
-                "the clocks have jumped {} times by about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}",
+                "the clocks have made {} jumps of about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}",
                 self.thousandfold
             ));
         }
@@ -185,7 +185,7 @@ mod tests {
             (Counters { slow: 300, ..good }, "300 of 500 readings are 0.5 s or more apart"),
             (
                 Counters { jumps: 300, thousandfold: 300, ..good },
-                "300 times by about 1000 times the interval of rate_hz",
+                "300 jumps of about 1000 times the interval of rate_hz",
             ),
             (Counters { frozen: 20, ..good }, "20 of 500 readings stay the same"),
             (Counters { matched: 200, late: 280, ..good }, "200 of 500 readings were given to the estimator"),

@@ -25,7 +25,8 @@ const INTERVAL_S: f64 = 0.02;
 /// Number of intervals with an implausible speed that are an event: a single wrong pose ends two.
 const FAST_INTERVALS: u64 = 3;
 
-/// Number of jumps by a thousand nominal intervals from which on the times look like milliseconds: one may be a clock that was set.
+/// Number of jumps by a thousand nominal intervals from which on times look like milliseconds: one may be due to a clock that was
+/// set.
 const THOUSANDFOLD_JUMPS: u64 = 3;
 
 /// Builds the estimator at the start and after a jump of a clock.

@@ -12,7 +12,7 @@ pub(crate) const MOST_SPEED_M_S: f64 = 5.0;
 /// Largest plausible rate of rotation of a base (rad/s).
 pub(crate) const MOST_RATE_RAD_S: f64 = 100.0;
 
-/// What to do about times in milliseconds.
+/// Advice if times are in milliseconds.
 pub(crate) const SECONDS: &str = "state them in seconds";
 
 /// Kind of messages.
@@ -88,7 +88,7 @@ pub enum Event {
         stream: Stream,
         /// Its jump.
         jump: Jump,
-        /// Whether clocks have jumped several times by what would be the nominal interval in milliseconds.
+        /// Whether several jumps were by about a thousand nominal intervals, as if times were in milliseconds.
         in_milliseconds: bool,
     },
     /// A message has a value that is not finite.
@@ -146,7 +146,10 @@ impl fmt::Display for Event {
             Self::Jumped { stream, jump, in_milliseconds } => {
                 write!(f, "clock of the {stream}: {jump}, expected an equal step; the estimator restarts")?;
                 if *in_milliseconds {
-                    write!(f, ". Steps are 1000 times those of rate_hz: the times look like milliseconds; {SECONDS}")?;
+                    write!(
+                        f,
+                        ". Its steps are about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}"
+                    )?;
                 }
                 Ok(())
             }

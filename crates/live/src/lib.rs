@@ -121,9 +121,9 @@ pub fn noise_n_m(stated: Option<f64>, of_sensor: Option<f64>) -> Option<f64> {
     }
 }
 
-/// Checks the standard deviation of the noise that is stated for a stream, if there is one: at most the largest calibrated reading,
-/// with more no reading would be informative; and above zero unless the sensor's own is, since a filter without noise becomes certain
-/// of a wrong contact.
+/// Checks the standard deviation of the noise (N m) that is stated for a stream, if there is one. It must not exceed the largest
+/// calibrated reading: otherwise no reading would be informative. It must be above zero unless that of the sensor, `of_sensor`,
+/// is: a filter without noise becomes certain of a wrong contact.
 ///
 /// # Errors
 /// The text found and the text expected.

@@ -419,6 +419,12 @@ fn regress_shares_of_a_program_that_imports_a_changed_file_are_computed_again_wi
     version(8);
     evaluate("other", &["--force"]);
     assert_eq!(starts(&bench), once + second);
+    // Shares with --force that replace a finished run with other settings are resumed likewise.
+    evaluate("run", &["--noise", "0.02", "--share", first, "--force"]);
+    evaluate("run", &["--noise", "0.02", "--share", "2/2"]);
+    version(9);
+    evaluate("run", &["--noise", "0.02", "--force"]);
+    assert_eq!(starts(&bench), 0);
 }
 
 #[test]

@@ -113,9 +113,9 @@ pub fn evaluate(
 }
 
 /// Runs a share of the work. [`evaluate`] with the same inputs then merges the shares, and runs those that are missing.
-/// Several processes may run shares at the same time, on one machine or on several with a common file system. A share of
-/// programs that are to be evaluated in any case computes all its items again, and leaves those of the other such shares. It may be
-/// resumed by a share that is not, also beside a finished run.
+/// Several processes may run shares at the same time, on one machine or on several with a common file system. With
+/// external programs, a share with `force` computes all its items again and keeps those of the other shares with `force`. The
+/// same share without `force` resumes it, also beside a finished run.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -132,7 +132,7 @@ pub fn evaluate_share(
     if !shards.are_renewed() && up_to_date(&prepared, settings, &folder, &run).is_some() {
         return Ok(());
     }
-    if !settings.force {
+    if !settings.force && !shards.are_renewed() {
         check_replaceable(&folder, &run)?;
     }
     let part = PartFolder::open(&folder, &run.watermark.inputs_sha256)?;

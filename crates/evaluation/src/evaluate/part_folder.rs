@@ -42,7 +42,7 @@ impl<'a> PartFolder<'a> {
         Ok(Self { part, folder })
     }
 
-    /// Path of the folder beside `folder` for a run from inputs with this hash, also if there is none.
+    /// Path of the folder beside `folder` for a run from inputs with this hash, whether or not it exists.
     pub(crate) fn place(folder: &Path, inputs_sha256: &str) -> PathBuf {
         beside(folder, &format!("{}{PART}", &inputs_sha256[..DIGITS]))
     }

@@ -13,7 +13,7 @@ use super::tables::OverTime;
 
 /// Folder of the shards in the run's folder.
 const FOLDER: &str = "shards";
-/// File beside the shards that marks them as computed again by shares.
+/// File beside the shards that marks them as those of shares that compute all items again.
 const RENEWED: &str = "renewed";
 
 /// Results of an item: one entry per trial and seed, in the order of the scene's traces, then of the seeds.
@@ -90,7 +90,7 @@ impl Shards {
         postcard::from_bytes(body).with_context(|| path.display().to_string())
     }
 
-    /// Marks them as those of shares that compute all items again, and are merged later.
+    /// Marks the shards as those of shares that compute all items again.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -98,7 +98,7 @@ impl Shards {
         Ok(write_atomically(&self.0.join(RENEWED), b"")?)
     }
 
-    /// Whether shares compute all items again, so that those that are there are new.
+    /// Whether shares compute all items again, so that the existing results are new.
     pub(super) fn are_renewed(&self) -> bool {
         self.0.join(RENEWED).is_file()
     }

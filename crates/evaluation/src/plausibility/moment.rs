@@ -23,8 +23,8 @@ const SLIGHT: f64 = 10.0;
 const MOST_ROTATION_RAD: f64 = FRAC_PI_2;
 const MOST_STRAIN: f64 = 0.1;
 
-/// Share of the largest moment above which its sign shows the face, and share of such rows above which they do: a released whisker
-/// rings.
+/// Share of the largest moment above which the sign of a row shows the face, and share of these rows of which more must have the
+/// same sign: a released whisker rings.
 const SIGNED: f64 = 0.2;
 const MOST: f64 = 0.5;
 

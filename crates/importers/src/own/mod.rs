@@ -73,7 +73,7 @@ impl Agreement {
         let weak = match self.weak {
             0 => String::new(),
             weak => format!(
-                "; {weak} of {} rows whose readings are those of a touch are left out, since these are far smaller than those of {model}",
+                "; the contacts of {weak} of {} rows are left out, since their readings are far smaller than those of {model}",
                 self.contacts + weak
             ),
         };

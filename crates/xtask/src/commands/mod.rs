@@ -59,7 +59,7 @@ const COMMANDS: &[Command] = &[
     Command { name: "ci", about: "Run check and test", run: Plain(ci::run) },
     Command { name: "reproduce", about: "Measure every claim of the documentation (--force: also in place of runs with other settings): results/reference/claims.csv", run: With(reproduce::run) },
     Command { name: "real", about: "Evaluate recordings of real sensors: real --recordings FOLDER [--force] (docs/REAL.md)", run: With(real::run) },
-    Command { name: "random", about: "Measure the certainty on random scenes, of inexact calibrations and in contacts with friction (--force: also in place of runs with other settings): four folders of results/reference/", run: With(random::run) },
+    Command { name: "random", about: "Measure the reliability of the stated covariances on random scenes, with inexact calibrations and with friction (--force: also in place of runs with other settings): certainty/, contacts/, quantities/ and yielding/ in results/reference/", run: With(random::run) },
     Command { name: "physics", about: "Compare the simulator with beam theory, claim by claim: results/physics/", run: Plain(physics::run) },
     Command { name: "docs", about: "Write the measured values of the documentation from results/reference/", run: Plain(docs::run) },
     Command { name: "reference", about: "Build the reference of the Rust crates and of the Python package: target/doc/", run: Plain(reference::run) },

@@ -108,7 +108,7 @@ impl Known {
         let mut found =
             format!("none, and {} of {contacts} contacts of the calibration within reach of the whisker", pairs.len());
         if *weak > 0 {
-            found += &format!(", beside {weak} whose readings are far smaller than those of the rod");
+            found += &format!(", and {weak} further contacts whose readings are far smaller than those of the rod");
         }
         let cause = match (pairs.is_empty(), *weak) {
             (true, 0) => "; compare units and `base` of the mapping",
@@ -166,7 +166,7 @@ mod tests {
         );
         assert!(
             weak.contains(
-                "within reach of the whisker, beside 12 whose readings are far smaller than those of the rod, expected"
+                "within reach of the whisker, and 12 further contacts whose readings are far smaller than those of the rod, expected"
             ) && weak.ends_with("raise `touch` if the whisker oscillates while it is free"),
             "{weak}"
         );
