@@ -283,7 +283,8 @@ def _make_traces(
             locks.enter_context(exclusive(folder, f"{number}-of-{shares}" if shares > 1 else ""))
         own = items[number - 1 :: shares]
         code = run_job(job, own, executor, options.force)
-        for note in products.notes_on_accuracy(own):
+        # A trace that failed may have the sidecar of an earlier scene.
+        for note in products.notes_on_accuracy(own) if code == 0 else ():
             print(note, file=sys.stderr)
         return code
 

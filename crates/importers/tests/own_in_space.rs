@@ -113,25 +113,29 @@ fn regress_a_free_whisker_that_rings_has_no_contact() {
 
 #[test]
 fn verif_rows_that_are_stated_to_touch_keep_their_contact() {
-    let stated = |mapping: &mut Value| {
-        as_point(mapping);
-        mapping["recordings"][0]["touching"] = json!("flag");
-    };
-    let laboratory = Laboratory::new().ringing().mapped(stated);
-    let path = laboratory.path("calibration_1.csv");
-    let text = fs::read_to_string(&path).unwrap();
-    let ringing = text.lines().count() - RINGING;
-    let flagged = |(i, line)| match i {
-        0 => format!("{line},flag\n"),
-        _ if i < ringing => format!("{line},\n"),
-        _ => format!("{line},1\n"),
-    };
-    fs::write(&path, text.lines().enumerate().map(flagged).collect::<String>()).unwrap();
-    let imported = laboratory.import();
-    let last = |recording: usize| is_known(&imported.spatial_traces[recording]).split_off(ringing);
-    let [stated, other] = [0, 1].map(last);
-    assert!(stated.len() + 2 > RINGING && stated.iter().all(|known| *known), "{stated:?}");
-    assert!(!other.contains(&true), "{other:?}");
+    for is_point in [true, false] {
+        let stated = |mapping: &mut Value| {
+            if is_point {
+                as_point(mapping);
+            }
+            mapping["recordings"][0]["touching"] = json!("flag");
+        };
+        let laboratory = Laboratory::new().ringing().mapped(stated);
+        let path = laboratory.path("calibration_1.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        let ringing = text.lines().count() - RINGING;
+        let flagged = |(i, line)| match i {
+            0 => format!("{line},flag\n"),
+            _ if i < ringing => format!("{line},\n"),
+            _ => format!("{line},1\n"),
+        };
+        fs::write(&path, text.lines().enumerate().map(flagged).collect::<String>()).unwrap();
+        let imported = laboratory.import();
+        let last = |recording: usize| is_known(&imported.spatial_traces[recording]).split_off(ringing);
+        let [stated, other] = [0, 1].map(last);
+        assert!(stated.len() + 2 > RINGING && stated.iter().all(|known| *known), "{is_point}: {stated:?}");
+        assert!(!other.contains(&true), "{is_point}: {other:?}");
+    }
 }
 
 #[test]

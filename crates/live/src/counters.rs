@@ -11,6 +11,9 @@ const FEW: u64 = 50;
 /// second, and within this time a contact begins and ends unseen.
 pub(crate) const SLOW_STEP_S: f64 = 0.5;
 
+/// Number of jumps by about a thousand nominal intervals from which on times look like milliseconds.
+const THOUSANDFOLD_JUMPS: u64 = 3;
+
 /// Counts of messages and of what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -86,13 +89,19 @@ impl Counters {
         .into_iter()
     }
 
+    /// Whether times look like milliseconds: most jumps of the clocks are by about a thousand nominal intervals, and there are several;
+    /// one may be due to a clock that was set.
+    pub(crate) fn shows_milliseconds(&self) -> bool {
+        self.thousandfold >= THOUSANDFOLD_JUMPS && 2 * self.thousandfold > self.jumps
+    }
+
     /// Remarks on numbers that suggest wrong readings, poses or settings.
     pub fn remarks(&self) -> Vec<String> {
         let Self {
             readings, matched, touching, unanswered, gated, missing, slow, late, repeated, stale, frozen, ..
         } = *self;
         let mut remarks = Vec::new();
-        if 2 * self.thousandfold > readings {
+        if self.shows_milliseconds() {
             remarks.push(format!(
                 "the clocks have made {} jumps of about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}",
                 self.thousandfold
@@ -178,6 +187,8 @@ mod tests {
             ..Default::default()
         };
         assert_eq!(good.remarks(), [""; 0]);
+        assert_eq!(Counters { jumps: 2, thousandfold: 2, ..good }.remarks(), [""; 0]);
+        assert_eq!(Counters { jumps: 8, thousandfold: 4, ..good }.remarks(), [""; 0]);
         for (counters, words) in [
             (Counters { gated: 300, unanswered: 200, ..good }, "300 of 490 readings are gated"),
             (Counters { unanswered: 101, ..good }, "101 of 200 readings in contact have no estimate"),
@@ -187,6 +198,7 @@ mod tests {
                 Counters { jumps: 300, thousandfold: 300, ..good },
                 "300 jumps of about 1000 times the interval of rate_hz",
             ),
+            (Counters { jumps: 3, thousandfold: 3, ..good }, "3 jumps of about 1000 times the interval of rate_hz"),
             (Counters { frozen: 20, ..good }, "20 of 500 readings stay the same"),
             (Counters { matched: 200, late: 280, ..good }, "200 of 500 readings were given to the estimator"),
             (

@@ -25,10 +25,6 @@ const INTERVAL_S: f64 = 0.02;
 /// Number of intervals with an implausible speed that are an event: a single wrong pose ends two.
 const FAST_INTERVALS: u64 = 3;
 
-/// Number of jumps by a thousand nominal intervals from which on times look like milliseconds: one may be due to a clock that was
-/// set.
-const THOUSANDFOLD_JUMPS: u64 = 3;
-
 /// Builds the estimator at the start and after a jump of a clock.
 pub type Build = Box<dyn Fn() -> anyhow::Result<Estimator> + Send>;
 
@@ -443,12 +439,13 @@ impl<K: Kind, M: Motion<Base = K::Base>> LiveEstimator<M, K> {
     /// Begins anew after a jump of a clock; waiting readings are dropped.
     fn restart(&mut self, stream: Stream, jump: Jump, out: &mut OutputOf<K>) -> anyhow::Result<()> {
         self.counters.jumps += 1;
-        self.counters.thousandfold += u64::from(self.matching.is_thousandfold(jump));
+        let is_thousandfold = self.matching.is_thousandfold(jump);
+        self.counters.thousandfold += u64::from(is_thousandfold);
         self.estimator.end(&mut self.estimates);
         self.release(out);
         let dropped = self.matching.restart();
         out.answers.extend(dropped.iter().map(|arrived| answer(arrived, Status::Dropped)));
-        let in_milliseconds = self.counters.thousandfold >= THOUSANDFOLD_JUMPS;
+        let in_milliseconds = is_thousandfold && self.counters.shows_milliseconds();
         out.events.push(Event::Jumped { stream, jump, in_milliseconds });
         let earlier = std::mem::replace(&mut self.estimator, (self.build)()?);
         self.estimator.keep_rest_reading(&earlier);

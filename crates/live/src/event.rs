@@ -88,7 +88,7 @@ pub enum Event {
         stream: Stream,
         /// Its jump.
         jump: Jump,
-        /// Whether several jumps were by about a thousand nominal intervals, as if times were in milliseconds.
+        /// Whether this jump and most others were by about a thousand nominal intervals, as if times were in milliseconds.
         in_milliseconds: bool,
     },
     /// A message has a value that is not finite.
@@ -148,7 +148,7 @@ impl fmt::Display for Event {
                 if *in_milliseconds {
                     write!(
                         f,
-                        ". Its steps are about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}"
+                        ". The jump is about 1000 times the interval of rate_hz: the times look like milliseconds; {SECONDS}"
                     )?;
                 }
                 Ok(())

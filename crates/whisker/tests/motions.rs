@@ -52,11 +52,11 @@ fn verif_every_filter_takes_every_motion() {
 fn verif_a_contact_at_rest_is_most_probably_static() {
     let knowledge = knowledge(NOISE_N_M);
     let samples = samples(&knowledge, 6.0, |_| true);
-    // `round`, `rubbing`, `installed`, `batch-sliding` and `smoother-installed` contain thin objects as well.
+    // `round`, `rubbing`, `installed` and `batch-sliding` contain thin objects as well.
     let winners: [(&str, &[&str]); 3] = [
         ("recommended", &["ukf", "round", "rubbing", "installed"]),
         ("imm", &["static"]),
-        ("batch-recommended", &["batch", "batch-sliding", "smoother-installed"]),
+        ("batch-recommended", &["batch", "batch-sliding"]),
     ];
     for (name, winners) in winners {
         let row = estimators::estimator(name).unwrap();
@@ -65,8 +65,12 @@ fn verif_a_contact_at_rest_is_most_probably_static() {
         // The probability of an inexact calibration hardly depends on the readings.
         let (leading, _) = models.iter().find(|(model, _)| !model.ends_with("installed")).unwrap();
         assert_eq!(leading, winners[0], "{name}: {models}");
-        let share: f64 = models.iter().filter(|(model, _)| winners.contains(model)).map(|(_, share)| share).sum();
-        assert!(share > 0.8, "{name}: {models}");
+        let of = |counts: &dyn Fn(&str) -> bool| -> f64 {
+            models.iter().filter(|(model, _)| counts(model)).map(|(_, share)| share).sum()
+        };
+        let right = of(&|model| winners.contains(&model));
+        let possible = if name == "batch-recommended" { of(&|model| model != "smoother-installed") } else { 1.0 };
+        assert!(right > 0.8 * possible, "{name}: {models}");
         assert!((models.iter().map(|(_, share)| share).sum::<f64>() - 1.0).abs() < 1e-9, "{name}: {models}");
     }
 }

@@ -27,6 +27,9 @@ use crate::participant::Participant;
 use crate::plausibility::{Subject, contradicted_rate};
 use crate::remarks::TrialRemarks;
 
+/// Share of the largest calibrated reading above which a reading is that of a touch, not of the inertia or damping of a free whisker.
+const TOUCHING: f64 = 0.05;
+
 /// A trace to be replayed, without its rows, which are read when it is replayed.
 pub(super) struct TrialSpec {
     /// Sidecar under the name that the trial has in the run.
@@ -170,7 +173,9 @@ impl Prepared {
         self.remarks.rates.extend(contradicted_rate(&trace).map(|finding| (sidecar.name.clone(), finding)));
         let touched = calibration.faces(None).iter().find(|face| face.face == sidecar.face);
         let set = SetName { group: sidecar.group.clone(), whisker: whisker.clone() };
-        let touching = Subject::new(&trace, None).touching_face();
+        let largest_n_m = trace.moments_n_m().into_iter().map(f64::abs).fold(0.0, f64::max);
+        let touches = largest_n_m > TOUCHING * calibration.file.largest_reading_n_m();
+        let touching = Subject::new(&trace, None).touching_face().filter(|_| touches);
         if let Some(face) =
             touching.filter(|touching| calibration.faces(None).iter().all(|face| face.face != *touching))
         {

@@ -11,7 +11,7 @@ use super::iterated::Iterated;
 use super::motion::Installed;
 use super::smoother::{self, Recorder};
 use super::{Knowledge, Method, Touch, Tracker};
-use crate::settings::{Settings, SettingsError, parse};
+use crate::settings::{Settings, SettingsError, parse, to_json, with_defaults};
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,9 +43,9 @@ impl Config<Extended> {
 }
 
 impl Config<Iterated> {
-    /// Settings of the smoother.
+    /// Settings of the smoother, in which each touch begins anew.
     pub(super) fn hindsight() -> Self {
-        Self::with(gaussian::Config::default())
+        Self::with(gaussian::Config { evidence_power: 0.7, corrected: true, ..gaussian::Config::default() })
     }
 }
 
@@ -84,7 +84,11 @@ struct SmootherOfInstalled {
 }
 
 pub(super) fn build_hindsight(config: &Value, knowledge: &Arc<Knowledge>) -> Result<Box<dyn Method>, SettingsError> {
-    let config: Config<Iterated> = parse(config)?;
+    // Settings that are not given are those of hindsight.
+    let config = match config.as_object() {
+        Some(own) => parse::<Config<Iterated>>(&with_defaults(own, to_json(&Config::hindsight())))?,
+        None => parse(config)?,
+    };
     smoother::check_used(&config.filter)?;
     Ok(Box::new(SmootherOfInstalled { config, knowledge: knowledge.clone() }))
 }

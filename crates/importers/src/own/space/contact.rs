@@ -77,15 +77,15 @@ impl Sampled<'_, Space> {
         let places: Vec<Option<Vector3<f64>>> = (0..rows).map(place_in_base).collect();
         let is_weak = |row: usize, moment_n_m: Vector2<f64>| {
             let most = WEAK * self.distance_from_rest(row).max(touch);
-            let is_stated = self.touching[row] == Some(true);
-            !is_stated && response.is_some_and(|response| response.counts(moment_n_m).norm() > most)
+            response.is_some_and(|response| response.counts(moment_n_m).norm() > most)
         };
+        let is_stated = |row: usize| self.touching[row] == Some(true);
         let Some((axis, radius_m)) = self.entry.contact.as_ref().and_then(|of| Some((of.axis()?, of.radius_m())))
         else {
             let contact = |row: usize, at: Vector3<f64>| {
                 let moment_n_m = response.and_then(|_| mechanics.moment_n_m(at));
                 let is_weak = moment_n_m.is_some_and(|moment_n_m| is_weak(row, moment_n_m));
-                if is_weak { Contact::Weak } else { Contact::At(at, moment_n_m) }
+                if is_weak && !is_stated(row) { Contact::Weak } else { Contact::At(at, moment_n_m) }
             };
             let places = places.into_iter().enumerate();
             return places.map(|(row, place)| place.map_or(Contact::Unknown, |at| contact(row, at))).collect();
@@ -100,9 +100,11 @@ impl Sampled<'_, Space> {
         // Contact of a row on this side that agrees with the reading, or why there is none.
         let on_side = |row: usize, side: Side, near: Option<&PlaceOnPin>| {
             let contact = pin(row).and_then(|pin| mechanics.with_pin(&pin, side, near)).ok_or(Contact::NotFound)?;
-            match is_weak(row, contact.moment_n_m) {
-                true => Err(Contact::Weak),
-                false => agrees(row, &contact).then_some(contact).ok_or(Contact::NotFound),
+            match (is_weak(row, contact.moment_n_m), is_stated(row)) {
+                (true, false) => Err(Contact::Weak),
+                // The reading is too small to show the side.
+                (true, true) => Ok(contact),
+                (false, _) => agrees(row, &contact).then_some(contact).ok_or(Contact::NotFound),
             }
         };
         let sides_of = |row: usize| match response {

@@ -13,7 +13,8 @@ use crate::estimators::shares::MOST_MODELS;
 use crate::estimators::systematic::SystematicSettings;
 use crate::settings::{Settings, SettingsError, to_json, within};
 
-/// Largest `mean_evidence`, with which the considered candidates do not determine the mean.
+/// Largest `mean_evidence`. No evidence exceeds it, so that the considered candidates determine the mean only where no other
+/// candidate has an estimate.
 const MOST_MEAN_EVIDENCE: f64 = 1e3;
 
 /// A method to average over.
@@ -135,6 +136,11 @@ impl Config {
             block: BlockSettings::single(),
             ..average
         }
+    }
+
+    /// Whether considered candidates determine the mean if the evidence for them is large.
+    pub(super) fn may_considered_lead(&self) -> bool {
+        self.mean_evidence < MOST_MEAN_EVIDENCE
     }
 
     pub(super) fn among<const COUNT: usize>(candidates: [(&str, f64); COUNT]) -> Self {

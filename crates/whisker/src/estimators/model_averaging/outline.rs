@@ -29,10 +29,13 @@ impl AveragingTracker {
         self.ranked().first().is_some_and(|(_, tracker)| leads(*tracker) && !tracker.refutes_convexity())
     }
 
-    /// The candidates with their probabilities, the most probable first.
+    /// The candidates that may determine the contact, with their probabilities, the most probable first.
     fn ranked(&self) -> Vec<(f64, &dyn Tracker)> {
         let trackers = self.trackers.iter().map(|tracker| tracker.as_ref());
-        let mut ranked: Vec<_> = self.right.probabilities().iter().copied().zip(trackers).collect();
+        let candidates = self.right.probabilities().iter().copied().zip(trackers).zip(&self.considered);
+        let may_lead = |considered: &bool| !considered || self.config.may_considered_lead();
+        let mut ranked: Vec<_> =
+            candidates.filter(|(_, considered)| may_lead(considered)).map(|(ranked, _)| ranked).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked
     }

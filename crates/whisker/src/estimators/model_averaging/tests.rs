@@ -114,6 +114,18 @@ fn verif_a_refuted_outline_does_not_lead() {
     assert!(leads(Box::new(carrier())) && !leads(Box::new(Refuted(carrier()))));
 }
 
+#[test]
+fn verif_a_candidate_that_never_determines_the_contact_does_not_determine_the_outline() {
+    let knowledge = knowledge();
+    let leads = |mean_evidence: f64| {
+        let mut tracker = tracker([0.4, 0.6], &knowledge.faces[0]);
+        tracker.config = Arc::new(Config { mean_evidence, ..Config::among([]) });
+        tracker.trackers = vec![Box::new(Carrier(Some(Vec::new()))), Box::new(Carrier(None))];
+        tracker.outline_leads()
+    };
+    assert!(!leads(4.0) && leads(Config::hindsight().mean_evidence));
+}
+
 impl Tracker for Carrier {
     fn step(&mut self, _: &Sample) -> Option<Estimate> {
         None
