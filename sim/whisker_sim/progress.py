@@ -1,8 +1,8 @@
 """Progress of many items of work on stderr, with an estimate of the time left.
 
 A process that works on an item reports the finished share of it by `report_share`; so the estimate does not have to wait for the
-first item to be finished. It is shown after `_KNOWN_S`, or once `_KNOWN_SHARE` of the work is finished: until then, the start of the
-worker processes takes most of the time.
+first item to be finished. It is shown after `_KNOWN_S`, or once `_KNOWN_SHARE` of the work is finished: until then, the start of
+the worker processes takes most of the time.
 """
 
 import sys
