@@ -284,7 +284,8 @@ def _make_traces(
         own = items[number - 1 :: shares]
         code = run_job(job, own, executor, options.force)
         # A trace that failed may have the sidecar of an earlier scene.
-        for note in products.notes_on_accuracy(own) if code == 0 else ():
+        made = own if code == 0 else [item for item in own if job.is_up_to_date(*item)]
+        for note in products.notes_on_accuracy(made):
             print(note, file=sys.stderr)
         return code
 

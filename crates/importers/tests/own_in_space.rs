@@ -7,7 +7,7 @@ use std::fs;
 
 use importers::{Imported, importer};
 use serde_json::{Value, json};
-use trace::SpatialTrace;
+use trace::{SpatialTrace, SpatialTruthInstant};
 
 use common::Laboratory;
 
@@ -16,6 +16,9 @@ const RINGING: usize = 60;
 
 /// Amplitude of the ringing relative to the largest reading of the recording.
 const AMPLITUDE: f64 = 0.05;
+
+/// Largest distance of contacts at the same pose, which a change of side by far exceeds.
+const SAME_PLACE_M: f64 = 1e-4;
 
 /// Frequency of the ringing (Hz).
 const FREQUENCY_HZ: f64 = 7.0;
@@ -135,6 +138,13 @@ fn verif_rows_that_are_stated_to_touch_keep_their_contact() {
         let [stated, other] = [0, 1].map(last);
         assert!(stated.len() + 2 > RINGING && stated.iter().all(|known| *known), "{is_point}: {stated:?}");
         assert!(!other.contains(&true), "{is_point}: {other:?}");
+        // The pose is that of the deepest row, and so is the side of the pin.
+        let truth = &imported.spatial_traces[0].truth.instants;
+        let (touched, rung) = truth.split_at(ringing);
+        for contact_m in rung.iter().filter_map(SpatialTruthInstant::contact_m) {
+            let distances = touched.iter().filter_map(|row| Some((row.contact_m()? - contact_m).norm()));
+            assert!(distances.fold(f64::INFINITY, f64::min) < SAME_PLACE_M, "{is_point}: {contact_m}");
+        }
     }
 }
 

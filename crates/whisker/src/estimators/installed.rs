@@ -43,7 +43,7 @@ impl Config<Extended> {
 }
 
 impl Config<Iterated> {
-    /// Settings of the smoother, in which each touch begins anew.
+    /// Settings of the smoother: each touch begins anew, and the contact is not searched for at another place.
     pub(super) fn hindsight() -> Self {
         Self::with(gaussian::Config { evidence_power: 0.7, corrected: true, ..gaussian::Config::default() })
     }
@@ -98,5 +98,23 @@ impl Method for SmootherOfInstalled {
         let Config { filter, sensor } = self.config;
         let follower = Follower::new(filter, sensor.beyond_pin(touch.face), touch, &self.knowledge);
         Box::new(Recorder::new(follower))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::estimators::testing::knowledge;
+
+    #[test]
+    fn verif_settings_in_part_leave_the_others_of_the_smoother() {
+        let knowledge = Arc::new(knowledge());
+        for part in [json!({}), json!({"sensor": {"gain_sd": 0.02}})] {
+            assert!(build_hindsight(&part, &knowledge).is_ok(), "{part}");
+        }
+        let kept = json!({"filter": {"kept_share": 0.5}});
+        assert!(build_hindsight(&kept, &knowledge).err().unwrap().to_string().contains("kept_share"));
     }
 }

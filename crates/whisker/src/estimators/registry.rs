@@ -179,7 +179,7 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "smoother-installed",
-        about: "`installed`, smoothed over the whole contact",
+        about: "`smoother` for an object of constant radius and a sensor whose gain and mounting may differ from the calibrated ones",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&installed::Config::hindsight()),
@@ -187,8 +187,8 @@ pub static ESTIMATORS: &[EstimatorRow] = &[
     },
     EstimatorRow {
         name: "batch-recommended",
-        about: "Bayesian average of `batch` (thin objects), `batch-sliding` (round ones), `outline-batch` (others) and \
-            `smoother-installed` (inexact calibration)",
+        about: "Bayesian average of `batch` (thin objects), `batch-sliding` (round ones) and `outline-batch` (others); its \
+            covariance also allows for an inexact calibration (`smoother-installed`)",
         class: MethodClass::Hindsight,
         sensor_model: None,
         defaults: || to_json(&model_averaging::Config::hindsight()),

@@ -102,9 +102,9 @@ impl Sampled<'_, Space> {
             let contact = pin(row).and_then(|pin| mechanics.with_pin(&pin, side, near)).ok_or(Contact::NotFound)?;
             match (is_weak(row, contact.moment_n_m), is_stated(row)) {
                 (true, false) => Err(Contact::Weak),
-                // The reading is too small to show the side.
-                (true, true) => Ok(contact),
-                (false, _) => agrees(row, &contact).then_some(contact).ok_or(Contact::NotFound),
+                // Within a touch the side is known; the sign of so small a reading may be wrong.
+                (true, true) if near.is_some() => Ok(contact),
+                _ => agrees(row, &contact).then_some(contact).ok_or(Contact::NotFound),
             }
         };
         let sides_of = |row: usize| match response {

@@ -13,8 +13,7 @@ use crate::estimators::shares::MOST_MODELS;
 use crate::estimators::systematic::SystematicSettings;
 use crate::settings::{Settings, SettingsError, to_json, within};
 
-/// Largest `mean_evidence`. No evidence exceeds it, so that the considered candidates determine the mean only where no other
-/// candidate has an estimate.
+/// Largest `mean_evidence`. With it, the considered candidates determine the mean only where no other candidate has an estimate.
 const MOST_MEAN_EVIDENCE: f64 = 1e3;
 
 /// A method to average over.

@@ -95,8 +95,11 @@ impl AveragingTracker {
     }
 
     /// Weight of the considered candidates together in the mean: with the log-likelihood ratio `L` of them to the others, the
-    /// logistic function of `mean_power L - mean_evidence`.
+    /// logistic function of `mean_power L - mean_evidence`. Zero with the largest `mean_evidence`.
     pub(super) fn lead_of_considered(&self) -> f64 {
+        if !self.config.may_considered_lead() {
+            return 0.0;
+        }
         let sum = |values: &[f64], of: bool| -> f64 {
             values.iter().zip(&self.considered).filter(|(_, is)| **is == of).map(|(value, _)| value).sum()
         };
