@@ -410,6 +410,26 @@ fn verif_a_contact_that_sticks_is_located_on_a_real_sensor() {
     assert!(sd_m.min() >= 0.2e-3 && sd_m.max() > 0.3e-3, "{sd_m} {}", simulated.covariance_m2);
 }
 
+/// A contact that slides along a line. Near the tip the sensor has large errors: a point at rest there explains all readings, though
+/// the readings are improbable there.
+#[test]
+fn regress_a_place_with_large_errors_does_not_explain_the_readings_best() {
+    let calibrated = &*STRAIGHT.calibrated;
+    let variance_of = |node: usize| (if node == 3 { 2e-6_f64 } else { 5e-8 }).powi(2);
+    let covariances_n2_m2 =
+        (0..8).map(|node| variance_of(node / 2)).map(|variance| [variance, 0.0, variance]).collect();
+    let error_map = SpatialErrorMap { along: 4, away: 2, covariances_n2_m2, correlation_m: Some(5e-3) };
+    let calibrated =
+        CalibratedSpace { error: error_map, heldout_rms_n_m: 1e-7, real_sensor: true, ..calibrated.clone() };
+    let knowledge = Arc::new(Knowledge { calibrated: Arc::new(calibrated), ..(**STRAIGHT).clone() });
+    for along in [Vector3::new(0.3, 0.0, 1.0), Vector3::new(-0.5, 0.0, 1.0), Vector3::z()] {
+        let found = replayed(&knowledge, "recommended", along.normalize(), 1.0);
+        let (estimate, truth, _) = found.last().unwrap();
+        let off_m = error(estimate, truth).norm();
+        assert!(off_m < 0.5e-3, "{along}: {off_m} m, {:?}", estimate.models);
+    }
+}
+
 /// A constant error of one moment: with independent errors the covariance shrinks with every reading, with correlated ones it does
 /// not.
 #[test]

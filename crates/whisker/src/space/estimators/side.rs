@@ -127,6 +127,18 @@ impl Side {
         Matrix2::identity() * (self.noise_n2_m2 / count)
     }
 
+    /// Covariance (N2 m2), 2x2, to which the evidence compares that of a reading, for a contact where the error of the sensor model
+    /// has the covariance `model_n2_m2`: the logarithm of a Gaussian density decreases by half that of the ratio of determinants.
+    ///
+    /// With the errors of a real sensor, found on held-out lines, this is their mean, the same for all contacts: where they are
+    /// large, a contact explains many readings, but none of them is probable. The errors of a simulated sensor are upper bounds.
+    /// A smaller one alone is no evidence, and this covariance is the one at the contact.
+    pub(super) fn reference_n2_m2(&self, model_n2_m2: Matrix2<f64>) -> Matrix2<f64> {
+        let CalibratedSpace { error, heldout_rms_n_m, .. } = &*self.calibrated;
+        let mean_n2_m2 = error.correlation_m.map(|_| Matrix2::identity() * heldout_rms_n_m.powi(2));
+        mean_n2_m2.unwrap_or(model_n2_m2) + self.noise_of_mean_n2_m2(1.0)
+    }
+
     /// Readings without a contact: those of a free whisker, or of any size up to the largest calibrated one, in any direction.
     pub(super) fn unknown(&self) -> Unknown<2> {
         let any_n2_m2 = PI * self.calibrated.largest_reading_n_m.powi(2);

@@ -191,11 +191,11 @@ impl<Model: Motion<N> + Shape<N>, const N: usize> Fitter<Model, N> {
     }
 
     /// Evidence of a reading: the logarithm of its likelihood, `-nis / 2 - ln det S / 2` up to a constant, relative to the expected
-    /// one under the covariance of a known contact in the calibrated domain, `-1 - ln det R / 2` up to the same constant: a contact
-    /// beyond the domain gains no evidence from its larger covariance.
+    /// one under the [reference covariance](super::Side::reference_n2_m2) `R`, `-1 - ln det R / 2` up to the same constant: a
+    /// contact gains no evidence from a covariance that is large because it lies beyond the calibrated domain.
     fn evidence_of(&self, innovation: &Innovation<2>, belief: &Gaussian<N>) -> f64 {
-        let known = self.side.expect(Around::of_state(&belief.mean)).model_n2_m2 + self.side.noise_of_mean_n2_m2(1.0);
-        let spread = (innovation.covariance.determinant() / known.determinant()).ln();
+        let reference = self.side.reference_n2_m2(self.side.expect(Around::of_state(&belief.mean)).model_n2_m2);
+        let spread = (innovation.covariance.determinant() / reference.determinant()).ln();
         1.0 - 0.5 * innovation.nis.min(self.config.gate_sds.powi(2)) - 0.5 * spread
     }
 

@@ -47,7 +47,8 @@ pub(super) struct Prior<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quadratic<const N: usize> {
     pub(super) cost: f64,
-    /// Sum over the means of [`Expected::log_spread`](crate::space::estimators::side::Expected::log_spread).
+    /// Sum over the means of half the logarithm of the ratio of the determinant of their covariance to that of the covariance to
+    /// which the evidence compares it.
     log_spread: f64,
     gradient: SVector<f64, N>,
     curvature: SMatrix<f64, N, N>,
@@ -167,6 +168,8 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
         let common = [model.column(0).into(), model.column(1).into(), expected.beyond_n_m, by_dynamics];
         let mut common = Matrix2x4::from_columns(&common);
         if let Some(length_m) = side.calibrated.error.correlation_m {
+            let reference = side.reference_n2_m2(expected.model_n2_m2);
+            quadratic.log_spread += 0.5 * (covariance.determinant() / reference.determinant()).ln();
             // The links account for the correlated errors of the model.
             common.fixed_columns_mut::<2>(0).fill(0.0);
             let place = mean.base().apply(side.middle);
@@ -177,7 +180,6 @@ impl<Model: Shape<N>, const N: usize> Evidence<'_, Model, N> {
             (factor, independent) = (Cholesky::pack_dirty(Matrix2::identity()), Matrix2::identity());
             quadratic.last = Some(link);
         } else {
-            // The error of the extrapolation is hardly new in a change from mean to mean, but widens the density of a single mean.
             quadratic.log_spread += expected.log_spread(&(expected.model_n2_m2 + independent)).unwrap_or(0.0);
         }
         let (solved_residual, solved_slopes) = (factor.solve(&residual), factor.solve(&slopes));
