@@ -231,7 +231,8 @@ def notes_on_accuracy(items: Items) -> list[str]:
             if _exceeds_a_bound(folder / f"{name}.json"):
                 inaccurate.setdefault(folder, []).append(name)
     return [
-        f"note: the deviation from theory exceeds a bound in {_named(names)}; `whisker check {folder}` states the values"
+        f"note: the deviation from statics exceeds a bound (quick motion, or coarse simulation) in {_named(names)}; "
+        f"`whisker check {folder}` states the values"
         for folder, names in inaccurate.items()
     ]
 
