@@ -130,9 +130,9 @@ impl Side {
     /// Covariance (N2 m2), 2x2, to which the evidence compares that of a reading, for a contact where the error of the sensor model
     /// has the covariance `model_n2_m2`: the logarithm of a Gaussian density decreases by half that of the ratio of determinants.
     ///
-    /// With the errors of a real sensor, found on held-out lines, this is their mean, the same for all contacts: where they are
-    /// large, a contact explains many readings, but none of them is probable. The errors of a simulated sensor are upper bounds.
-    /// A smaller one alone is no evidence, and this covariance is the one at the contact.
+    /// The errors of a real sensor are those on held-out lines, and this covariance is their mean square, the same for all
+    /// contacts: a contact where the errors are large explains many readings, but none of them is probable there. The errors of a
+    /// simulated sensor are upper bounds. A smaller one alone is no evidence, and this covariance is the one at the contact.
     pub(super) fn reference_n2_m2(&self, model_n2_m2: Matrix2<f64>) -> Matrix2<f64> {
         let CalibratedSpace { error, heldout_rms_n_m, .. } = &*self.calibrated;
         let mean_n2_m2 = error.correlation_m.map(|_| Matrix2::identity() * heldout_rms_n_m.powi(2));
